@@ -213,6 +213,7 @@ def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     duv = 0.0
     for q in range(0, len(k2), 4):
         n = len(k2) - q
+        # Derivatives in u and v, of lanes along w, so that `load` takes coefficients as they lie.
         f = spread(0.0)
         fu = spread(0.0)
         fv = spread(0.0)
@@ -234,6 +235,7 @@ def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
             fv = multiply_add(av, b[0, 0, i], fv)
             fuv = multiply_add(av, b[0, 1, i], fuv)
             fvv = multiply_add(avv, b[0, 0, i], fvv)
+        # Rows 6, 7, 8 of the scratch: basis functions in w and their derivatives, which end lanes.
         z = load(b, 6 * b.shape[2] + q, n)
         dz = load(b, 7 * b.shape[2] + q, n)
         value += dot(f, z)

@@ -16,6 +16,7 @@ from ilattice._kernels import inner
 
 #: Times the noise of coefficients by which those of a linear function may be off.
 STRAIGHT = 1e3
+#: Halvings of a line after which roots that are still not told apart count as one: 1e-12 of it.
 DEEPEST = 40
 
 
@@ -275,6 +276,7 @@ def roots(c: Any, at: int, to: int, n: int, stack: int, L: Any) -> int:
     """
     P = len(L)
     least, most = extremes(c, at, P)
+    # Coefficients bound the values; roots of low degrees need no search.
     if least >= 0.0 or most <= 0.0:
         return n
     if P == 2:
@@ -301,13 +303,17 @@ def roots(c: Any, at: int, to: int, n: int, stack: int, L: Any) -> int:
         b = c[here + 1]
         first = c[here + 2]
         end = c[here + 1 + P]
+        # No change of sign, no root inside, but a root may lie where two halves meet: their upper
+        # ends count, so that none counts twice.
         if changes == 0:
             if end == 0.0 and b < 1.0:
                 n = insert(c, to, n, b)
             top -= 1
+        # One change and ends of unlike signs: one root, to be bracketed on the whole line.
         elif changes == 1 and first * end < 0.0:
             n = insert(c, to, n, bracketed(c, at, a, b, L))
             top -= 1
+        # Roots this near, or a double one, cannot be told from rounding.
         elif b - a < 2.0**-DEEPEST:
             n = insert(c, to, n, 0.5 * (a + b))
             top -= 1

@@ -73,6 +73,7 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
             found = FULL if k < 0 else sort_of(stack[top], m, P, tol, tables[k])
             if found == EMPTY:
                 continue
+            # Depth first, so that the stack holds seven boxes per level, and never a whole level.
             if found == UNSURE and long[top].max() > MIN_LENGTH and n < MAX_BOXES:
                 divide(stack[top].copy(), 3, P, parts)
                 x, y, z = at[top]
@@ -87,6 +88,7 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
                     long[top, 2] = d
                     top += 1
                 continue
+            # Most cells have few boxes: room for MAX_BOXES would be taken for nothing.
             if n == room:
                 room *= 4
                 corner = grown(corner, room)
@@ -100,8 +102,10 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
             sort[n] = found
             row[n] = k
             air[n] = 0.0
+            # Of full boxes no polynomials are looked at, and from the start they may have none.
             if found != FULL:
                 tensor[n] = stack[top]
+            # A box that is given up counts as connected: the air that this spans is what is missed.
             if found == UNSURE and air_between(stack[top], P, tables[k], most) > 0.0:
                 for a in range(3):
                     air[n, a] = long[top, a] * most[a]

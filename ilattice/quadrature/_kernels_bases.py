@@ -22,11 +22,14 @@ from ilattice.quadrature._kernels_scratch import (
     CURVES,
     CUT_FACES,
     DEEP,
+    DIRECTED,
     FACES,
     FLAT,
+    HALVED,
     MAX_SETS,
     MIN_SLOPE,
     OWNERS,
+    PART,
     PARTS,
     PROJECT,
     ROW,
@@ -77,7 +80,7 @@ def best_axis(Z: Any, N: Any, axes: int, n: int, which: int, up: int, flat: bool
 @inner(error_model="numpy")
 def first_part(Z: Any) -> None:
     """The whole base as the only part of it."""
-    for i in range(6):
+    for i in range(PART):
         Z[PARTS + i] = 1.0 if i == 2 or i == 3 else 0.0
 
 
@@ -169,13 +172,13 @@ def halve_base(Z: Any, N: Any, level: int, used: int, n_faces: int, directed: bo
     for f in range(used):
         c = here + f * square
         halve(Z, c, c + SLOTS * square, step, P + 1 - step, 0, 1, L)
-    part = PARTS + 6 * level
-    Z[part + 4] += 1.0
+    part = PARTS + PART * level
+    Z[part + HALVED] += 1.0
     if directed:
-        Z[part + 5] += 1.0
+        Z[part + DIRECTED] += 1.0
     Z[part + 2 + cut] *= 0.5
-    for i in range(6):
-        Z[part + 6 + i] = Z[part + i]
+    for i in range(PART):
+        Z[part + PART + i] = Z[part + i]
     Z[part + cut] += Z[part + 2 + cut]
 
 
@@ -206,7 +209,7 @@ def base(
     level = 0
     while level >= 0:
         here = FACES + level * SLOTS * square
-        part = PARTS + 6 * level
+        part = PARTS + PART * level
         n_faces = 0
         empty = False
         for k in range(n):
@@ -235,13 +238,13 @@ def base(
         # Without curves any direction of lines will do, and without solid there are none.
         if n_faces and not empty:
             axis, good = face_axis(Z, N, here, n_faces, L)
-            if axis < 0 and flat < n_faces and Z[part + 4] >= DEEP:
+            if axis < 0 and flat < n_faces and Z[part + HALVED] >= DEEP:
                 n_faces = flat  # a seam that turns back is not worth more
                 if n_faces:
                     axis, good = face_axis(Z, N, here, n_faces, L)
                 axis = max(axis, 0) if n_faces == 0 else axis
             # Smaller parts are straighter; those with a direction are halved `accept` times only.
-            if not good and (axis < 0 or Z[part + 5] < accept) and Z[part + 4] < CAP:
+            if not good and (axis < 0 or Z[part + DIRECTED] < accept) and Z[part + HALVED] < CAP:
                 halve_base(Z, N, level, used, n_faces, axis >= 0, L)
                 level += 1
                 continue

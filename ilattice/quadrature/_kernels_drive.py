@@ -19,10 +19,13 @@ from ilattice.quadrature._kernels_scratch import (
     N_SURFACE,
     N_VOLUME,
     NAMES,
+    NORMAL,
     PROJECT,
+    SET,
     TABLE,
     TENSORS,
     UNIT,
+    WEIGHT,
     numbers,
 )
 from ilattice.quadrature._kernels_thinning import ROOM, thinned_parts
@@ -419,15 +422,15 @@ def gather(
     normals: Any, sets: Any,
 ) -> None:  # fmt: skip
     """Copy the rows of all chunks to where they belong; normals and sets of surfaces only."""
-    wide = arena.shape[1] > 4
+    wide = arena.shape[1] > NORMAL
     for chunk in range(first, last):
         for i in range(used[chunk]):
             row = starts[chunk] + i
             mine = room[chunk] + i
             for j in range(3):
                 points[row, j] = arena[mine, j]
-            weights[row] = arena[mine, 3]
+            weights[row] = arena[mine, WEIGHT]
             if wide:
                 for j in range(3):
-                    normals[row, j] = arena[mine, 4 + j]
-                sets[row] = int(arena[mine, 7])
+                    normals[row, j] = arena[mine, NORMAL + j]
+                sets[row] = int(arena[mine, SET])

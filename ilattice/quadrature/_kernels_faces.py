@@ -18,16 +18,19 @@ from ilattice.quadrature._kernels_scratch import (
     CROSS,
     CURVES,
     CUT_FACES,
+    DIRECTED,
     EXT,
     FACES,
     FLAT,
     GAP,
+    HALVED,
     LINE,
     LO,
     LOW,
     N_VOLUME,
     NODES,
     OWNERS,
+    PART,
     PARTS,
     SLOTS,
     SOFT_NODES,
@@ -83,6 +86,7 @@ def face_strips(
     Z[CROSS] = 0.0
     Z[CROSS + 1] = 1.0
     n_cross = 2
+    # Lines meet other curves beyond where a curve leaves the part by the ends of lines.
     for j in range(n_faces):
         for side in range(2):
             edge = face + N[CUT_FACES + j] * P * P + side * (P - 1) * step1
@@ -115,6 +119,7 @@ def face_strips(
                 b = Z[ALONG + m1 + 1]
                 if b - a <= GAP:
                     continue
+                # Between breakpoints no curve changes its sign: the middle tells.
                 signs = 0
                 for j in range(n_faces):
                     if jet(Z, LINE + j * P, 0.5 * (a + b), L)[0] < 0.0:
@@ -163,12 +168,13 @@ def face_rule(
     level = 0
     while level >= 0:
         here = FACES + level * SLOTS * square
-        part = PARTS + 6 * level
+        part = PARTS + PART * level
         table = whole
         n = 0
         for k in range(m):
             least, most = extremes(Z, here + 2 * k * square, square)
             eps = Z[TOL + k]
+            # One that is zero all over has solid only where either sign has: on both sides.
             if max(-least, most) <= eps:
                 table = with_sign(table, k, False) & with_sign(table, k, True)
             elif least >= -eps or most <= eps:
@@ -179,6 +185,7 @@ def face_rule(
         n_faces = 0
         for i in range(n):
             k = N[ACTIVE + i]
+            # Others change sign where the solid does not.
             if ((table >> (1 << k)) ^ table) & LOW[k]:
                 N[CUT_FACES + n_faces] = 2 * k
                 N[OWNERS + n_faces] = k
@@ -187,10 +194,12 @@ def face_rule(
         good = True
         if n_faces:
             axis, good = face_axis(Z, N, here, n_faces, L)
-            if not good and (axis < 0 or Z[part + 5] < accept) and Z[part + 4] < CAP:
+            # As of bases: smaller parts are straighter, those with a direction only `accept` times.
+            if not good and (axis < 0 or Z[part + DIRECTED] < accept) and Z[part + HALVED] < CAP:
                 halve_base(Z, N, level, 2 * m, n_faces, axis >= 0, L)
                 level += 1
                 continue
+        # Without curves the part is all in the solid, or all outside.
         if n_faces or table != 0:
             for i in range(4):
                 Z[FLAT + i] = Z[part + i]

@@ -18,6 +18,9 @@ from ilattice.quadrature._kernels_pairs import pair_axis
 from ilattice.quadrature._kernels_quadrics import column_axes, is_quadric, quadric_rule
 from ilattice.quadrature._kernels_scratch import (
     ACTIVE,
+    BOX,
+    BOX_DIRECTED,
+    BOX_HALVED,
     BOXES,
     CAP,
     EMIT,
@@ -202,13 +205,13 @@ def halve_box(Z: Any, N: Any, level: int, m: int, n: int, directed: bool, L: Any
     for k in range(m):
         c = here + k * cube
         halve(Z, c, c + m * cube, step, P * P if cut else P, 1 if cut < 2 else P, P, L)
-    box = BOXES + 8 * level
-    Z[box + 6] += 1.0
+    box = BOXES + BOX * level
+    Z[box + BOX_HALVED] += 1.0
     if directed:
-        Z[box + 7] += 1.0
+        Z[box + BOX_DIRECTED] += 1.0
     Z[box + 3 + cut] *= 0.5
-    for i in range(8):
-        Z[box + 8 + i] = Z[box + i]
+    for i in range(BOX):
+        Z[box + BOX + i] = Z[box + i]
     Z[box + cut] += Z[box + 3 + cut]
 
 
@@ -297,7 +300,7 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     set_tolerances(Z, m, 1.0, L)
     if corners_differ(Z, N, m, L):
         return 0
-    Z[BOXES + 6] = 0.0
+    Z[BOXES + BOX_HALVED] = 0.0
     full = False
     void = False
     sure = True
@@ -311,7 +314,7 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
             else:
                 full = True
             level -= 1
-        elif Z[BOXES + 8 * level + 6] < halvings:
+        elif Z[BOXES + BOX * level + BOX_HALVED] < halvings:
             halve_box(Z, N, level, m, n, False, L)
             level += 1
         else:
@@ -336,13 +339,13 @@ def cell_rule(
     set_tolerances(Z, m, lengths_from_zero(Z), L)
     for i in range(6):
         Z[BOXES + i] = Z[LO + i]
-    Z[BOXES + 6] = 0.0
-    Z[BOXES + 7] = 0.0
+    Z[BOXES + BOX_HALVED] = 0.0
+    Z[BOXES + BOX_DIRECTED] = 0.0
     level = 0
     while level >= 0:
         here = TENSORS + level * m * cube
         for i in range(6):
-            Z[LO + i] = Z[BOXES + 8 * level + i]
+            Z[LO + i] = Z[BOXES + BOX * level + i]
         table, n = choose(Z, N, here, m, whole, want, L)
         # No sign matters in the box: it is full, unless its table is empty.
         if n == 0 and table != 0 and want & VOLUME:
@@ -377,8 +380,8 @@ def cell_rule(
             # Columns end on another polynomial beyond a seam, so that the base is divided there.
             if n > 1 and axis >= 0:
                 good = project_seams(Z, N, here, n, axis, L) and good
-            box = BOXES + 8 * level
-            small = Z[box + 6] >= CAP or (axis >= 0 and Z[box + 7] >= accept)
+            box = BOXES + BOX * level
+            small = Z[box + BOX_HALVED] >= CAP or (axis >= 0 and Z[box + BOX_DIRECTED] >= accept)
             # Smaller boxes are straighter; those with a direction are halved `accept` times only.
             if not good and pair < 0 and not small:
                 halve_box(Z, N, level, m, n, axis >= 0, L)

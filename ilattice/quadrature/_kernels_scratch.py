@@ -45,8 +45,10 @@ SEAM = 2732  # values of a seam at the sites, or one row of them
 PLANES, LINES = 2762, 3062  # of MAX_SETS each: values and slopes, values and two slopes
 LINE = 3212  # SLOTS lines on a base
 PARTS = 3347  # (CAP + 2) x [lower corner, extent, halvings, those of parts with a direction]
-BOXES = PARTS + (CAP + 2) * 6  # (CAP + 2) x the same, in three dimensions
-FACES = BOXES + (CAP + 2) * 8  # (CAP + 2) x SLOTS faces
+PART, HALVED, DIRECTED = 6, 4, 5  # numbers of a part of a base, and the places of the last two
+BOXES = PARTS + (CAP + 2) * PART  # (CAP + 2) x the same, in three dimensions
+BOX, BOX_HALVED, BOX_DIRECTED = 8, 6, 7  # the same of a box
+FACES = BOXES + (CAP + 2) * BOX  # (CAP + 2) x SLOTS faces
 TENSORS = FACES + (CAP + 2) * SLOTS * 25  # (CAP + 2) x tensors; the last, see `numbers`
 
 # Places in the scratch N of whole numbers
@@ -58,6 +60,7 @@ PROJECT, CURVES = 104, 105  # whether crossings are looked for on all bases, and
 EMIT = 106  # bits of the polynomials whose feet are wanted
 INTEGERS = 107
 TINY = 1e-15  # coefficients below this part of the largest count as zero; see `set_tolerances`
+WEIGHT, NORMAL, SET = 3, 4, 7  # columns of a point of a rule, behind its place
 LEVEL = 1e-9  # slopes below this part of the largest count as zero: rounding tilts no face
 
 

@@ -474,6 +474,7 @@ def single_cells(
         n2 = starts2[ijk[n, 2] + 1] - z
         a0, a1, a2 = n0 * p + 1, n1 * p + 1, n2 * p + 1
         size = a0 * a1 * a2
+        # With several sets, the signs of pieces of one say nothing about all.
         if m == 1:
             for i in range(n0):
                 for j in range(n1):
@@ -481,6 +482,7 @@ def single_cells(
                         inside[(i * n1 + j) * n2 + k] = signs[x + i, y + j, z + k]
         wide = first0[x + n0 - 1] + p + 1 - first0[x]
         deep = first1[y + n1 - 1] + p + 1 - first1[y]
+        # Directions one after the other: a piece takes P numbers of a line, not P³ of a box.
         for s in range(len(c)):
             along_last(c[s], first0[x], wide, first1[y], deep, rows2, first2, z, n2, a)
             along(a, wide, deep, a2, rows1, first1, y, n1, b)
@@ -498,6 +500,7 @@ def single_cells(
             for i in range(size):
                 top = max(top, abs(F[k, i]))
             tol[k] = TINY * top
+        # Dearer proofs come later, and are tried where cheaper ones fail.
         out[n] = (
             is_single(F, m, n0, n1, n2, inside, p + 1, tol, face, sides, edge)
             or is_star(F, m, n0, n1, n2, inside, p + 1, tol, one[0], star)
