@@ -24,11 +24,14 @@ from ilattice.bspline._kernels_bernstein import halve_line
 FAST = {"contract", "nsz", "arcp"}
 #: Most entries on the stack of parts yet to be looked at.
 DEPTH = 96
+#: Highest degree of a piece, that of its radius included; N has twice that.
 MAX_DEGREE = 12
 _N = 2 * MAX_DEGREE + 1
 BINOMIAL = np.array([[math.comb(n, k) for k in range(_N)] for n in range(_N)], dtype=np.float64)
 #: Rounding of the coefficients of N, relative to the largest square.
 EPS = 8e-15
+#: Parts of a piece, by parameter, below which no proof is waited for: their error of the foot is
+#: squared in the distance, and so below rounding.
 SHORTEST = 1e-9
 
 
@@ -46,7 +49,7 @@ def _load(data: Any, start: int, step: int, n: int, x: float, y: float, z: float
 
 
 @inner(fastmath=FAST)
-def _casteljau(c: Any, first: int, step: int, p: int, t: float, work: Any, jet: Any) -> None:
+def casteljau(c: Any, first: int, step: int, p: int, t: float, work: Any, jet: Any) -> None:
     """Value and two derivatives of p + 1 points `step` apart: ``jet[0:5, 5:10, 10:15]``."""
     s = 1.0 - t
     for m in range(5):
@@ -80,14 +83,14 @@ def _lorentz(jet: Any, a: int, c: int, b: float) -> float:
 def _root(q: Any, p: int, b: float, t: float, work: Any, jet: Any) -> float:
     """Zero of N' between a negative and a positive end, by Newton kept in the bracket."""
     low, high = 0.0, 1.0
-    _casteljau(q, 0, 5, p, 0.0, work, jet)
+    casteljau(q, 0, 5, p, 0.0, work, jet)
     if _lorentz(jet, 0, 5, b) >= 0.0:
         return 0.0
-    _casteljau(q, 0, 5, p, 1.0, work, jet)
+    casteljau(q, 0, 5, p, 1.0, work, jet)
     if _lorentz(jet, 0, 5, b) <= 0.0:
         return 1.0
     for _ in range(80):
-        _casteljau(q, 0, 5, p, t, work, jet)
+        casteljau(q, 0, 5, p, t, work, jet)
         e = _lorentz(jet, 0, 5, b)
         slope = _lorentz(jet, 5, 5, b) + _lorentz(jet, 0, 10, b)
         if e > 0.0:
@@ -231,11 +234,11 @@ def closest_on_curve(
             if simple:
                 if first > 0 and changes > 0:
                     for end in (0.0, 1.0):
-                        _casteljau(q, 0, 5, p, end, tmp, jet)
+                        casteljau(q, 0, 5, p, end, tmp, jet)
                         again |= _accept(jet, a + end * size, 0.0, x, y, z, hit)
                 else:
                     t = _root(q, p, b, t, tmp, jet)
-                    _casteljau(q, 0, 5, p, t, tmp, jet)
+                    casteljau(q, 0, 5, p, t, tmp, jet)
                     again = _accept(jet, a + t * size, 0.0, x, y, z, hit)
         if simple:
             if again and plain == 0 and hit[0] < b - 1e-15 * (1.0 + abs(b)):
@@ -374,16 +377,16 @@ def surface_jet(
     tmp = work[15 * (p + 1) + 16 :]
     row = work[15 * (p + 1) : 15 * (p + 1) + 16]
     for i in range(p + 1):
-        _casteljau(q, first + 5 * (r + 1) * i, 5, r, v, tmp, row)
+        casteljau(q, first + 5 * (r + 1) * i, 5, r, v, tmp, row)
         for m in range(15):
             rows[15 * i + m] = row[m]
-    _casteljau(rows, 0, 15, p, u, tmp, row)
+    casteljau(rows, 0, 15, p, u, tmp, row)
     for m in range(5):
         jet[m], jet[5 + m], jet[15 + m] = row[m], row[5 + m], row[10 + m]
-    _casteljau(rows, 5, 15, p, u, tmp, row)
+    casteljau(rows, 5, 15, p, u, tmp, row)
     for m in range(5):
         jet[10 + m], jet[20 + m] = row[m], row[5 + m]
-    _casteljau(rows, 10, 15, p, u, tmp, row)
+    casteljau(rows, 10, 15, p, u, tmp, row)
     for m in range(5):
         jet[25 + m] = row[m]
 
@@ -401,14 +404,17 @@ def _newton_in_box(
         uu = _lorentz(jet, 5, 5, b) + _lorentz(jet, 0, 15, b)
         uv = _lorentz(jet, 5, 10, b) + _lorentz(jet, 0, 20, b)
         vv = _lorentz(jet, 10, 10, b) + _lorentz(jet, 0, 25, b)
+        # Held at a side that the descent points out of; on a side it points into, it is left.
         fixed_u = (u <= 0.0 and gu >= 0.0) or (u >= 1.0 and gu <= 0.0)
         fixed_v = (v <= 0.0 and gv >= 0.0) or (v >= 1.0 and gv <= 0.0)
         du = dv = 0.0
         if not fixed_u and not fixed_v:
+            # Convex by its coefficients, but not to rounding: halving goes on instead.
             det = uu * vv - uv * uv
             if det <= 0.0:
                 return False
             du, dv = (uv * gv - vv * gu) / det, (uv * gu - uu * gv) / det
+            # A full step would leave by the side it is on, though the descent does not: along it.
             if not 0.0 <= u + du <= 1.0 and u in (0.0, 1.0):
                 du, dv = 0.0, -gv / vv
             elif not 0.0 <= v + dv <= 1.0 and v in (0.0, 1.0):
@@ -424,6 +430,7 @@ def _newton_in_box(
                 break
             surface_jet(q, 0, p, r, new_u, new_v, work, jet)
             new = _lorentz(jet, 0, 0, b)
+            # Where values differ by rounding only, short steps count by their length.
             if new < n or (new <= n + 1e-2 * tol and abs(du) + abs(dv) < 1e-7):
                 done = abs(new_u - u) <= 1e-15 and abs(new_v - v) <= 1e-15
                 u, v, n = new_u, new_v, new

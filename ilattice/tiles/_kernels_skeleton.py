@@ -20,6 +20,7 @@ from ilattice.fields._kernels_boxes import STACK
 from ilattice.tiles._kernels_closest import (
     DEPTH,
     FAST,
+    casteljau,
     closest_on_curve,
     closest_on_surface,
     surface_jet,
@@ -27,11 +28,25 @@ from ilattice.tiles._kernels_closest import (
 
 #: Points that a thread takes at once.
 CHUNK = 256
-SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL = 0, 1, 2, 3, 4, 5, 6
-KINDS = 7
+#: Kinds of pieces, and how many there are.
+SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL, KINDS = 0, 1, 2, 3, 4, 5, 6, 7
 #: Columns of `piece`: kind, group, start, degree or count, second degree, plain.
+DEGREE, OTHER = 3, 4
 #: Columns of a hit: F, foot (3), parameters (2), piece, feature (0 a point, 1 inside, 2 + edge).
-HIT = 8
+HIT, FOOT, AT, PIECE, FEATURE = 8, 1, 4, 6, 7
+#: Numbers of a homogeneous Bézier point, and the place of the weight among them.
+POINT, W = 5, 4
+#: Places in jets of such points, behind the value: of curves.
+T, TT = 5, 10
+#: The same of surfaces, by their parameters.
+JU, JV, JUU, JUV, JVV = 5, 10, 15, 20, 25
+#: Places of derivatives, each of a point and its radius, which is at R: of curves.
+FIRST, SECOND, R = 0, 4, 3
+#: The same of surfaces.
+U, V, UU, UV, VV = 0, 4, 8, 12, 16
+#: Places in the scratch of derivatives, behind that of `casteljau`: a jet, the way from a foot, the
+#: sum of such ways, derivatives of a piece, another jet, and scratch of `surface_jet`.
+CURVE_JET, AWAY, TOTAL, SLOPES, SURFACE_JET, REST = 200, 230, 233, 240, 264, 294
 #: Rounding of bounds from boxes.
 SLACK = 1e-12
 
@@ -241,7 +256,7 @@ def _closest_on_piece(
         p, r = piece[i, 3], piece[i, 4]
         closest_on_surface(d, s, p, r, piece[i, 5], x, y, z, hit, stack, span, work)
     if hit[0] < before:
-        hit[6] = i
+        hit[PIECE] = i
 
 
 @inner()
@@ -332,23 +347,12 @@ def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weig
 @inner()
 def _curve_derivatives(d: Any, s: int, p: int, t: float, work: Any, out: Any) -> None:
     """First and second derivatives of point and radius of a rational curve: 4 + 4 numbers."""
-    jet = work[200:230]
-    for m in range(5):
-        for i in range(p + 1):
-            work[i] = d[s + 5 * i + m]
-        d1 = d2 = 0.0
-        for level in range(p, 0, -1):
-            if level == 2:
-                d2 = p * (p - 1) * (work[2] - 2.0 * work[1] + work[0])
-            elif level == 1:
-                d1 = p * (work[1] - work[0])
-            for i in range(level):
-                work[i] = (1.0 - t) * work[i] + t * work[i + 1]
-        jet[m], jet[5 + m], jet[10 + m] = work[0], d1, d2
-    w, w1, w2 = jet[4], jet[9], jet[14]
+    jet = work[CURVE_JET:AWAY]
+    casteljau(d, s, POINT, p, t, work, jet)
+    w, w1, w2 = jet[W], jet[T + W], jet[TT + W]
     for m in range(4):
-        out[m] = (jet[5 + m] - jet[m] / w * w1) / w
-        out[4 + m] = (jet[10 + m] - 2.0 * out[m] * w1 - jet[m] / w * w2) / w
+        out[FIRST + m] = (jet[T + m] - jet[m] / w * w1) / w
+        out[SECOND + m] = (jet[TT + m] - 2.0 * out[FIRST + m] * w1 - jet[m] / w * w2) / w
 
 
 @inner()
@@ -368,10 +372,10 @@ def _add_curve(n: Any, dist: float, weight: float, c: Any, c1: int, c2: int, h: 
         along += n[i] * c[c1 + i]
         bend += n[i] * c[c2 + i]
     _add_point(n, dist, weight, h)
-    slope = c[c1 + 3]
+    slope = c[c1 + R]
     if abs(along + slope) > 1e-7 * math.sqrt(speed):
         return
-    tt = (speed - along * along) / dist - bend - c[c2 + 3]
+    tt = (speed - along * along) / dist - bend - c[c2 + R]
     if not tt > 0.0:
         return
     for i in range(3):
@@ -383,28 +387,28 @@ def _add_curve(n: Any, dist: float, weight: float, c: Any, c1: int, c2: int, h: 
 @inner()
 def _add_surface(n: Any, dist: float, weight: float, c: Any, h: Any) -> None:
     """As `_add_curve` for a surface with derivatives u, v, uu, uv, vv of (point, radius) in c."""
-    nu = n[0] * c[0] + n[1] * c[1] + n[2] * c[2]
-    nv = n[0] * c[4] + n[1] * c[5] + n[2] * c[6]
+    nu = n[0] * c[U] + n[1] * c[U + 1] + n[2] * c[U + 2]
+    nv = n[0] * c[V] + n[1] * c[V + 1] + n[2] * c[V + 2]
     # A foot on the boundary is free to move along it only.
-    free_u = abs(nu + c[3]) <= 1e-7 * math.sqrt(c[0] ** 2 + c[1] ** 2 + c[2] ** 2)
-    free_v = abs(nv + c[7]) <= 1e-7 * math.sqrt(c[4] ** 2 + c[5] ** 2 + c[6] ** 2)
+    free_u = abs(nu + c[U + R]) <= 1e-7 * math.sqrt(c[U] ** 2 + c[U + 1] ** 2 + c[U + 2] ** 2)
+    free_v = abs(nv + c[V + R]) <= 1e-7 * math.sqrt(c[V] ** 2 + c[V + 1] ** 2 + c[V + 2] ** 2)
     if not (free_u and free_v):
-        _add_curve(n, dist, weight, c, 4 if free_v else 0, 16 if free_v else 8, h)
+        _add_curve(n, dist, weight, c, V if free_v else U, VV if free_v else UU, h)
         return
     _add_point(n, dist, weight, h)
-    uu = (c[0] ** 2 + c[1] ** 2 + c[2] ** 2 - nu * nu) / dist
-    uv = (c[0] * c[4] + c[1] * c[5] + c[2] * c[6] - nu * nv) / dist
-    vv = (c[4] ** 2 + c[5] ** 2 + c[6] ** 2 - nv * nv) / dist
-    uu -= n[0] * c[8] + n[1] * c[9] + n[2] * c[10] + c[11]
-    uv -= n[0] * c[12] + n[1] * c[13] + n[2] * c[14] + c[15]
-    vv -= n[0] * c[16] + n[1] * c[17] + n[2] * c[18] + c[19]
+    uu = (c[U] ** 2 + c[U + 1] ** 2 + c[U + 2] ** 2 - nu * nu) / dist
+    uv = (c[U] * c[V] + c[U + 1] * c[V + 1] + c[U + 2] * c[V + 2] - nu * nv) / dist
+    vv = (c[V] ** 2 + c[V + 1] ** 2 + c[V + 2] ** 2 - nv * nv) / dist
+    uu -= n[0] * c[UU] + n[1] * c[UU + 1] + n[2] * c[UU + 2] + c[UU + R]
+    uv -= n[0] * c[UV] + n[1] * c[UV + 1] + n[2] * c[UV + 2] + c[UV + R]
+    vv -= n[0] * c[VV] + n[1] * c[VV + 1] + n[2] * c[VV + 2] + c[VV + R]
     det = uu * vv - uv * uv
     if not (det > 0.0 and uu > 0.0):
         return
     for i in range(3):
-        ai, bi = (c[i] - n[i] * nu) / dist, (c[4 + i] - n[i] * nv) / dist
+        ai, bi = (c[U + i] - n[i] * nu) / dist, (c[V + i] - n[i] * nv) / dist
         for j in range(3):
-            aj, bj = (c[j] - n[j] * nu) / dist, (c[4 + j] - n[j] * nv) / dist
+            aj, bj = (c[U + j] - n[j] * nu) / dist, (c[V + j] - n[j] * nv) / dist
             h[i, j] -= weight * (vv * ai * aj - uv * (ai * bj + bi * aj) + uu * bi * bj) / det
 
 
@@ -413,26 +417,24 @@ def _add_hessian(
     hit: Any, n: Any, dist: float, weight: float, piece: Any, d: Any, work: Any, h: Any
 ) -> None:
     """Second derivatives of F at one foot, times a weight."""
-    i = int(hit[6])
-    kind, s, feature = piece[i, 0], piece[i, 2], int(hit[7])
-    c = work[240:264]
-    for m in range(24):
-        c[m] = 0.0
+    i = int(hit[PIECE])
+    kind, s, feature = piece[i, 0], piece[i, 2], int(hit[FEATURE])
+    c = work[SLOPES:SURFACE_JET]
+    c[:] = 0.0
     if kind == CURVE:
-        _curve_derivatives(d, s, piece[i, 3], hit[4], work, c)
-        _add_curve(n, dist, weight, c, 0, 4, h)
+        _curve_derivatives(d, s, piece[i, DEGREE], hit[AT], work, c)
+        _add_curve(n, dist, weight, c, FIRST, SECOND, h)
     elif kind == SURFACE:
-        _surface_derivatives(d, s, piece[i, 3], piece[i, 4], hit[4], hit[5], work, c)
+        _surface_derivatives(d, s, piece[i, DEGREE], piece[i, OTHER], hit[AT], hit[AT + 1], work, c)
         _add_surface(n, dist, weight, c, h)
     elif feature == 0:
         _add_point(n, dist, weight, h)
     elif kind == ARC:
         for m in range(3):
-            c[4 + m] = d[s + 3 + m] - hit[1 + m]
-        c[0] = _arc_tangent(d, s, c[4], c[5], c[6], 0)
-        c[1] = _arc_tangent(d, s, c[4], c[5], c[6], 1)
-        c[2] = _arc_tangent(d, s, c[4], c[5], c[6], 2)
-        _add_curve(n, dist, weight, c, 0, 4, h)
+            c[SECOND + m] = d[s + 3 + m] - hit[FOOT + m]
+        for m in range(3):
+            c[FIRST + m] = _arc_tangent(d, s, c[SECOND], c[SECOND + 1], c[SECOND + 2], m)
+        _add_curve(n, dist, weight, c, FIRST, SECOND, h)
     elif kind == SEGMENT or feature >= 2:
         a, b, r = s + 2, s + 5, s
         if kind == POLYGON:
@@ -442,9 +444,9 @@ def _add_hessian(
             r = s + feature - 2
             a, b = s + 10 + 3 * (feature - 2), s + 10 + 3 * ((feature - 1) % 3)
         for m in range(3):
-            c[m] = d[b + m] - d[a + m]
-        c[3] = d[r + 1] - d[r]
-        _add_curve(n, dist, weight, c, 0, 4, h)
+            c[FIRST + m] = d[b + m] - d[a + m]
+        c[FIRST + R] = d[r + 1] - d[r]
+        _add_curve(n, dist, weight, c, FIRST, SECOND, h)
 
 
 @inner()
@@ -460,16 +462,16 @@ def _surface_derivatives(
     d: Any, s: int, p: int, r: int, u: float, v: float, work: Any, out: Any
 ) -> None:
     """Derivatives u, v, uu, uv, vv of point and radius of a rational surface: 20 numbers."""
-    jet = work[264:294]
-    surface_jet(d, s, p, r, u, v, work[300:], jet)
-    w = jet[4]
+    jet = work[SURFACE_JET:REST]
+    surface_jet(d, s, p, r, u, v, work[REST:], jet)
+    w = jet[W]
     for m in range(4):
         f = jet[m] / w
-        fu, fv = (jet[5 + m] - f * jet[9]) / w, (jet[10 + m] - f * jet[14]) / w
-        out[m], out[4 + m] = fu, fv
-        out[8 + m] = (jet[15 + m] - 2.0 * fu * jet[9] - f * jet[19]) / w
-        out[12 + m] = (jet[20 + m] - fu * jet[14] - fv * jet[9] - f * jet[24]) / w
-        out[16 + m] = (jet[25 + m] - 2.0 * fv * jet[14] - f * jet[29]) / w
+        fu, fv = (jet[JU + m] - f * jet[JU + W]) / w, (jet[JV + m] - f * jet[JV + W]) / w
+        out[U + m], out[V + m] = fu, fv
+        out[UU + m] = (jet[JUU + m] - 2.0 * fu * jet[JU + W] - f * jet[JUU + W]) / w
+        out[UV + m] = (jet[JUV + m] - fu * jet[JV + W] - fv * jet[JU + W] - f * jet[JUV + W]) / w
+        out[VV + m] = (jet[JVV + m] - 2.0 * fv * jet[JV + W] - f * jet[JVV + W]) / w
 
 
 @inner()
@@ -478,14 +480,14 @@ def _derivatives(
     size: int, piece: Any, d: Any, work: Any, g: Any, h: Any,
 ) -> None:  # fmt: skip
     """Gradient, and second derivatives for order 2, of the union at one point."""
-    n, total = work[230:233], work[233:236]
+    n, total = work[AWAY:TOTAL], work[TOTAL:SLOPES]
     for i in range(3):
         total[i] = g[i] = 0.0
         for j in range(3 if order > 1 else 0):
             h[i, j] = 0.0
     for k in range(size):
         hit = hits[touched[k]]
-        n[0], n[1], n[2] = x - hit[1], y - hit[2], z - hit[3]
+        n[0], n[1], n[2] = x - hit[FOOT], y - hit[FOOT + 1], z - hit[FOOT + 2]
         dist = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
         for i in range(3):
             n[i] = n[i] / dist if dist > 0.0 else 0.0
