@@ -114,11 +114,15 @@ def test_times_to_an_error_follow_a_power_law_between_grids(error):
     assert seconds == pytest.approx((0.4 / error) ** 1.5)
     assert not far
     assert bench_accuracy.to_reach(0.01, [0.4, 0.1, 0.025], [1.0, 8.0, 64.0])[1]
+    assert bench_accuracy.to_reach(0.01, [0.1, 0.1], [1.0, 8.0]) == (np.inf, True)
 
 
 def test_compliances_of_degree_one_lead_to_their_limit():
-    found = {h: {"compliance": 0.7 - 0.3 * h**2} for h in (0.5, 1.0, 2.0)}
-    assert bench_accuracy.limit_of("fig16c", found) == pytest.approx(0.7)
+    for order in (1.0, 2.0):
+        found = {h: {"compliance": 0.7 - 0.1 * h**order} for h in (0.5, 0.8, 1.0, 2.0)}
+        assert bench_accuracy.limit_of("fig16c", found) == pytest.approx(0.7)
+    found = {h: {"compliance": 0.7 - 0.1 * h**0.3} for h in (0.5, 0.8, 1.0)}
+    assert np.isnan(bench_accuracy.limit_of("fig16c", found))
     exact = bench_accuracy.measure("sphere", 2, 1, 2.0)["compliance"]
     assert exact == pytest.approx(bench_accuracy.limit_of("sphere", found), rel=5e-3)
 

@@ -8,7 +8,8 @@ sphere, by seconds of CPU to 5 and 2 % of the extrapolated compliance:
 - networks of struts of a few cells: degree 1 on finer cells, in a half to a quarter of the time, as
   functions with continuous derivatives do not bend at joints;
 - walls between two surfaces, which bend: degree 2 in half of the time for 2 %, and in as much as
-  degree 1 for 5 %; heat flows along them, and degree 1 takes half of the time;
+  degree 1 for 5 %, also with more cells than others; heat flows along them, and degree 1 takes half
+  of the time;
 - up to some thousand cells time does not count, and degree 2 has the better stresses.
 
 Guarantee: the same solid of the same law on the same cells gets the same splines, whatever acts.
@@ -24,6 +25,9 @@ FEW = 8_000
 #: Cells of a solid from which on there is degree 1: at degree 2, cut cells take some 2 ms and 0.1
 #: MB each, a hundred seconds and 5 GB, and cells are small beside the solid by then.
 MANY = 50_000
+#: The same for walls that bend, up to 8 GB: with the 52,000 cells of Figure 16c, degree 2 is 2 %
+#: off, and degree 1 on the same cells 20 %.
+MANY_OF_WALLS = 80_000
 #: Part of the cells that is whole from which on the solid is thick.
 THICK = 0.5
 #: The degree where it is no question.
@@ -36,10 +40,11 @@ def degree_for(solid: CutGrid, bends: bool) -> tuple[int, str]:
     cells = whole + cut
     if cells <= FEW:
         return USUAL, f"{cells:,} cells are few"
-    if cells > MANY:
+    wall = bends and solid.sets.count > 1
+    if cells > (MANY_OF_WALLS if wall else MANY):
         return 1, f"{cells:,} cells are many"
+    if wall:
+        return USUAL, f"a wall between surfaces in {cells:,} cells"
     if whole > THICK * cells:
         return USUAL, f"{100 * whole / cells:.0f} % of {cells:,} cells are whole"
-    if bends and solid.sets.count > 1:
-        return USUAL, f"a wall between surfaces in {cells:,} cells"
     return 1, f"{100 * cut / cells:.0f} % of {cells:,} cells are cut"

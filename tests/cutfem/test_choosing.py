@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.cutfem.choosing import FEW, MANY, degree_for
+from ilattice.cutfem.choosing import FEW, MANY, MANY_OF_WALLS, degree_for
 
 BOX = [[0.0] * 3, [1.0] * 3]
 
@@ -45,6 +45,12 @@ def test_struts_of_a_few_cells_have_degree_one_and_walls_degree_two(
     assert degree_for(wall, True)[0] == 2
     assert il.cutfem.Elasticity(wall).domain.degree == 2
     assert il.cutfem.Heat(wall).domain.degree == 1  # heat does not bend it
+    finer = il.cutfem.cut(lattice.offset(0.02), 44)
+    assert MANY < count(finer) < MANY_OF_WALLS
+    assert (degree_for(finer, True)[0], degree_for(finer, False)[0]) == (2, 1)
+    finest = il.cutfem.cut(lattice.offset(0.02), 52)
+    assert count(finest) > MANY_OF_WALLS
+    assert degree_for(finest, True)[0] == 1
 
 
 @pytest.mark.parametrize("law", [il.cutfem.Elasticity, il.cutfem.Heat])
