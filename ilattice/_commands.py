@@ -182,7 +182,7 @@ def add_cost(app: "App") -> None:
         *,
         resolution: int,
         output: Files,
-        map: str | None = None,
+        through: str | None = None,
         cells: int = 0,
         radius: float | None = None,
         h: Length = None,
@@ -198,7 +198,7 @@ def add_cost(app: "App") -> None:
             Tetrahedra along an edge: 2 or more.
         output
             Files to write: beams .3mf, .vtp, .vtu; meshes .stl, .ply, ...; slices .cli, .svg.
-        map
+        through
             File of a volume, FILE#patch, or the name of a built-in one; see ``ilattice info``.
         cells
             Cells of the volume per direction, of five tetrahedra each; 0 for one tetrahedron.
@@ -219,7 +219,7 @@ def add_cost(app: "App") -> None:
         found = job.run(
             resolution=resolution,
             output=output,
-            through=None if map is None else _job.volume(map),
+            through=None if through is None else _job.volume(through),
             cells=cells,
             radius=radius,
             h=h,

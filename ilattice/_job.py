@@ -52,10 +52,10 @@ def volume(spec: str) -> "il.SplineMap":
     file = spec.rpartition("#")[0] or spec
     if not any(os.path.exists(path) for path in (spec, file)):
         if Path(file).name != file or Path(file).suffix:
-            raise FileError(f"map {spec!r:.80}: there is no such file")
+            raise FileError(f"through {spec!r:.80}: there is no such file")
         near = ", ".join(VOLUMES)
         raise InputError(
-            f"map {spec!r:.80} is neither a file nor a built-in volume; these are {near}"
+            f"through {spec!r:.80} is neither a file nor a built-in volume; these are {near}"
         )
     return il.macroshape.load(spec)
 

@@ -103,7 +103,7 @@ def _fail(message: str, code: int) -> int:
 def _renamed(words: Sequence[str]) -> list[str]:
     """The words with today's names of options, for one release, and a warning of old ones."""
     out = [re.sub(r"^--map(?==|$)", "--through", word) for word in words]
-    if out != list(words) and words[0] in ("build", "slice"):
+    if out != list(words) and words[0] in ("build", "slice", "cost"):
         _tell("warning", "--map is called --through now, and will be unknown in the next release")
         return out
     return list(words)

@@ -303,7 +303,7 @@ def test_a_hanging_beam_stretches_as_it_must():
 def test_the_command_makes_files_and_says_what_is_wrong(tmp_path, capfd):
     from ilattice.cli import main
 
-    words = ["cost", "kagome", "--resolution", "3", "--map", "duck", "--stiffen"]
+    words = ["cost", "kagome", "--resolution", "3", "--through", "duck", "--stiffen"]
     files = [str(tmp_path / name) for name in ("a.3mf", "a.vtp")]
     report = str(tmp_path / "r.json")
     assert main([*words, "-o", *files, "--report", report]) == 0
