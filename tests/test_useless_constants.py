@@ -347,7 +347,7 @@ CASES = [
     ("mesh._own_cells", "JUMP", 0.0, walls_may_end_where_the_distance_jumps,
      AssertionError, r"assert \[True\] == \[False\]"),
     ("mesh.creases", "TURNS", 0, edges_are_sharp,
-     AssertionError, r"1\.710\d+ == 1\.72"),
+     AssertionError, r"assert 1\.7[01]\d+ == 1\.72"),
     ("mesh.specks", "SPECK", 0.0, specks_are_left_out,
      AssertionError, r"assert 8 == 4"),
 ]  # fmt: skip

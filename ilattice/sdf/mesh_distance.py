@@ -264,9 +264,10 @@ class MeshDistance(Field, Frozen):
         return self._bounds
 
     def __repr__(self) -> str:
-        """One line: the mesh, and its faults if there are any."""
-        faults = f", {self._faults}" if self._faults else ""
-        return one_line(f"MeshDistance({self._mesh!r}{faults})")
+        """One line: the mesh, or its faults if there are any."""
+        if self._faults:
+            return f"MeshDistance({len(self._mesh.faces)} triangles, {self._faults})"
+        return one_line(f"MeshDistance({self._mesh!r})")
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
         """Box that holds where the field is at most `level`.
