@@ -226,6 +226,11 @@ class Field(Shown):
         return np.asarray(self.bounds, np.float64)
 
     @property
+    def bounded(self) -> bool:
+        """Whether all that it is made of has bounds; else nothing about it is certified."""
+        return self.has("range")
+
+    @property
     def shown_box(self) -> FloatArray:
         """Box (2, 3) in which pictures show the field, perhaps infinite."""
         return np.asarray(self.bounds, np.float64)
@@ -255,6 +260,11 @@ def as_boxes(lo: ArrayLike, hi: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def owns(f: Any, name: str) -> bool:
     """Whether a field, or somebody else's callable, defines one of `ABILITIES` itself."""
     return f.has(name) if isinstance(f, Field) else hasattr(f, name)
+
+
+def bounded(f: Any) -> bool:
+    """Whether a field, or somebody else's callable, has bounds in all that it is made of."""
+    return f.bounded if isinstance(f, Field) else owns(f, "range")
 
 
 def differences(

@@ -68,8 +68,8 @@ class Leaf:
 
     @property
     def bounded(self) -> bool:
-        """Whether its bounds are finite on finite boxes: where all of it has a formula or them."""
-        return all(leaf.bounded for leaf, _ in self.program.leaves)
+        """Whether its bounds are finite on finite boxes."""
+        return self.program.bounded
 
     @cached_property
     def piece(self) -> Stackable | None:

@@ -289,6 +289,11 @@ class Program(Frozen):
         """Whether the gradient may jump."""
         return bool(self.leaves) or any(int(c) in ops.KINKED for c in self.code)
 
+    @property
+    def bounded(self) -> bool:
+        """Whether bounds are finite on finite boxes: all has a formula, or bounds of its own."""
+        return all(leaf.bounded for leaf, _ in self.leaves)
+
     @cached_property
     def prune(self) -> bool:
         """Whether shorter programs for parts of space may pay."""

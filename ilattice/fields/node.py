@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._field import OF_THE_INNER, Field, as_boxes, differences, owns
+from ilattice._field import OF_THE_INNER, Field, as_boxes, bounded, differences, owns
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, as_points, asked, read_only
 from ilattice.errors import InputError
@@ -56,11 +56,6 @@ class Node(Field, Frozen):
         return self._box(as_number("level", level))
 
     @property
-    def bounded(self) -> bool:
-        """Whether a leaf of programs, which tells of no formula, has finite bounds."""
-        return False
-
-    @property
     def exact_box(self) -> FloatArray | None:
         """The box (2, 3) that is the solid, or None where the solid is none along the axes."""
         return None
@@ -92,6 +87,11 @@ class Node(Field, Frozen):
         """Box (2, 3) of the solid, perhaps infinite."""
         box: FloatArray = read_only(self._box(0.0))
         return box
+
+    @property
+    def bounded(self) -> bool:
+        """Whether its bounds are finite on finite boxes."""
+        return self.program.bounded
 
     @property
     def shown_box(self) -> FloatArray:
@@ -185,8 +185,8 @@ class Leaf(Node):
 
     @property
     def bounded(self) -> bool:
-        """Whether its bounds are finite on finite boxes."""
-        return self.has("range")
+        """Whether those of the field are."""
+        return bounded(self.f)
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values, checked for their shape."""

@@ -52,6 +52,11 @@ class PulledBack(Field, Frozen):
         bend += np.einsum("nc,ncab->nab", rest[0], self.through.hessian(u))
         return value, slope, 0.5 * (bend + bend.transpose(0, 2, 1))
 
+    @property
+    def bounded(self) -> bool:
+        """As of the field."""
+        return self.part.bounded
+
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """See `Field.range`: on the boxes of space that hold the images."""
         box = self.through.boxes(*as_boxes(lo, hi))

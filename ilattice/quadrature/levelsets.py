@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._field import Field, owns
+from ilattice._field import Field, bounded, owns
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray, Solid
 from ilattice._validate import Frozen, as_array, as_points, asked, read_only
@@ -132,8 +132,8 @@ class LevelSets(Frozen):
 
     @property
     def opaque(self) -> bool:
-        """Whether a field has neither a formula nor bounds."""
-        return any(not owns(f, "range") for f in self.fields)
+        """Whether something in a field has neither a formula nor bounds."""
+        return not all(map(bounded, self.fields))
 
     def pieces(self, axes: Sequence[FloatArray]) -> "Pieces | FieldPieces":
         """The level sets on the cells of a grid, cut at the breaks of the splines.

@@ -266,7 +266,7 @@ class MeshDistance(Field, Frozen):
     def __repr__(self) -> str:
         """One line: the mesh, or its faults if there are any."""
         if self._faults:
-            return f"MeshDistance({len(self._mesh.faces)} triangles, {self._faults})"
+            return f"MeshDistance({self._faults})"
         return one_line(f"MeshDistance({self._mesh!r})")
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:

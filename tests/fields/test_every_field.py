@@ -231,8 +231,13 @@ def test_wrappers_have_what_their_field_has(wrapper):
 
 def test_what_wraps_a_plain_function_may_hide_as_much_as_the_function():
     box = [[-1] * 3, [1] * 3]
-    for f in (F.from_callable(smooth), smooth):
+    leaf = F.from_callable(smooth)
+    turned = F.rotate(leaf, 0.4, (1, 2, 3))
+    held = F.pull_back(leaf, il.macroshape.box())
+    for f in (smooth, leaf, turned, F.union(F.sphere(0.3), leaf), F.from_callable(turned)):
         assert il.cutfem.cut(f, 4, domain=box).unseen > 0.0
+    assert il.cutfem.cut(held, 4, domain=[[0] * 3, [1] * 3]).unseen > 0.0
+    assert il.cutfem.cut(F.sphere(0.3), 4, domain=box).unseen == 0.0
 
 
 def test_a_lipschitz_constant_gives_bounds():
