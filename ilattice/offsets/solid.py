@@ -122,12 +122,17 @@ class TileField(Field):
         parts = (value, *(a * s for a, s in zip(rest, factors, strict=False)))
         return tuple(self.scale * a for a in parts)
 
+    @property
+    def bounded(self) -> bool:
+        """Whether that of the tile is; of mixtures no bounds are known."""
+        return not isinstance(self.tile, Mixture) and self.tile.bounded
+
     def range(self, lo: ArrayLike, hi: ArrayLike, **_: Any) -> FloatArray:
         """Bounds, shape (m, 2), on boxes; infinite if the field of the tile has none."""
         lo, hi = as_boxes(lo, hi)
         tile = self.tile
         out = np.stack([np.full(len(lo), -np.inf), np.full(len(lo), np.inf)], axis=1)
-        if isinstance(tile, Mixture) or not tile.has("range"):
+        if isinstance(tile, Mixture) or not self.bounded:
             return out
         a, b = self.lattice.tile_coordinates(lo), self.lattice.tile_coordinates(hi)
         first, last = np.floor(a), np.maximum(np.ceil(b) - 1.0, np.floor(a))
