@@ -22,7 +22,6 @@ from ilattice._validate import as_numbers, as_points
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.errors import InputError
 from ilattice.fields._pieces import Stackable
-from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
 
 #: Most beams of one box; where there are more it is halved.
@@ -180,9 +179,6 @@ class _BeamDistance(Stackable):
 
     rows: FloatArray
 
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
-
     def values(self, points: FloatArray) -> FloatArray:
         """Values (n,) at points (n, 3)."""
         return _Distances(self.rows[:, None]).values(np.zeros(1, np.int64), points[None])[0]
@@ -267,9 +263,6 @@ class _BeamQuadric(Stackable):
     """
 
     row: FloatArray
-
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
 
     @cached_property
     def _one(self) -> "_Quadrics":

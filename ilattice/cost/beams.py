@@ -38,7 +38,6 @@ from ilattice.cost._surfaces import meshed, spacing_of, streamed
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields import _kernels_boxes as tree
 from ilattice.fields._pieces import Union
-from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
 from ilattice.io import save
 from ilattice.mesh.field_slices import slice_field
@@ -112,9 +111,6 @@ class Beams(Union):
         return box, wide, link, beam, order
 
     # ------------------------------------------------------------------ field
-
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
 
     def _box(self, level: float = 0.0) -> FloatArray:
         r = np.maximum(self.radii + level, 0.0)

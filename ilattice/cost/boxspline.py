@@ -28,8 +28,7 @@ from ilattice.cost import _kernels_boxspline as kernels
 from ilattice.cost.kagome import TETRAHEDRON
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import InputError
-from ilattice.fields._program import Builder, Point
-from ilattice.fields.node import Node, everywhere, nowhere
+from ilattice.fields.node import Whole, everywhere, nowhere
 from ilattice.tiles import Tile
 
 DIRECTIONS = {2: ((1, 0), (0, 1), (1, 1)), 3: ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, -1, -1))}
@@ -270,7 +269,7 @@ def _limits(fine: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BoxSpline(Node):
+class BoxSpline(Whole):
     """The negative of a box spline, so that the solid is where the spline is positive.
 
     Parameters
@@ -366,9 +365,6 @@ class BoxSpline(Node):
             c = np.pad(c, 1, constant_values=self.outside)
         most = [np.abs(c - np.roll(c, 1, axis=a)).max() for a in range(d)]
         return float(np.linalg.norm(most) * np.linalg.norm(self._parts[0][:, :3], 2))
-
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
 
     def _box(self, level: float = 0.0) -> FloatArray:
         if self.periodic or self.outside >= -level:

@@ -67,9 +67,9 @@ class Leaf:
         return self.program.ranges(lo, hi) - self.level
 
     @property
-    def bounded(self) -> bool:
-        """Whether its bounds are finite on finite boxes."""
-        return self.program.bounded
+    def halved(self) -> bool:
+        """Whether boxes may be halved often: formulas, and what bounds itself for that."""
+        return all(leaf.halved for leaf, _ in self.program.leaves)
 
     @cached_property
     def piece(self) -> Stackable | None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol, Self
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice.fields.node import Node
+from ilattice.fields.node import Node, Whole
 
 
 class Stack(Protocol):
@@ -22,7 +22,7 @@ class Stack(Protocol):
         ...
 
 
-class Stackable(Node):
+class Stackable(Whole):
     """A smooth field that is evaluated together with others of its class."""
 
     @classmethod
@@ -31,7 +31,7 @@ class Stackable(Node):
         raise NotImplementedError
 
 
-class Union(Node):
+class Union(Whole):
     """The union of many pieces, of which few matter in a box."""
 
     def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[Any]:

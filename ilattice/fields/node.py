@@ -157,9 +157,26 @@ class Node(Field, Frozen):
         return self.program.ranges(*as_boxes(lo, hi))
 
 
+class Whole(Node):
+    """A field that programs ask for values, derivatives and bounds, which have no formula of it."""
+
+    @property
+    def bounded(self) -> bool:
+        """Whether its bounds are finite on finite boxes."""
+        return True
+
+    @property
+    def halved(self) -> bool:
+        """Whether quadrature may halve its boxes often: pieces of solids fill boxes of any size."""
+        return False
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        return b.leaf(self, p)
+
+
 @dataclass(frozen=True, eq=False)
-class Leaf(Node):
-    """A field computed elsewhere: values, derivatives and bounds are asked for.
+class Leaf(Whole):
+    """A field computed elsewhere.
 
     Attributes
     ----------
@@ -171,9 +188,6 @@ class Leaf(Node):
 
     f: Any
     box: FloatArray
-
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
 
     def _box(self, level: float = 0.0) -> FloatArray:
         if owns(self.f, "bounding_box"):
@@ -187,6 +201,11 @@ class Leaf(Node):
     def bounded(self) -> bool:
         """Whether those of the field are."""
         return bounded(self.f)
+
+    @property
+    def halved(self) -> bool:
+        """Whether the field is bounded: boxes are halved where bounds say so."""
+        return self.bounded
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values, checked for their shape."""

@@ -21,8 +21,7 @@ from ilattice._geometry import CORNERS, grid_indices, least_step
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array
 from ilattice.errors import GeometryError, InputError
-from ilattice.fields._program import Builder, Point
-from ilattice.fields.node import Node, as_node, is_empty, nowhere
+from ilattice.fields.node import Node, Whole, as_node, is_empty, nowhere
 from ilattice.macroshape.primitives import box as box_map
 from ilattice.offsets._small import least_steps
 from ilattice.offsets.mid_surface import MidSurface
@@ -230,15 +229,17 @@ def _solved(system: FloatArray, right: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Distance(Node):
+class _Distance(Whole):
     part: Node
     region: FloatArray | None
     seeds: int
     band: float
     cache: dict[str, Any] = field(default_factory=dict)
 
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
+    @property
+    def bounded(self) -> bool:
+        """Whether the field is: its bounds tell where there is a surface to be distant from."""
+        return self.part.bounded
 
     def _box(self, level: float = 0.0) -> FloatArray:
         inner = self.part._box(0.0)

@@ -352,8 +352,8 @@ class Splits:
         return np.asarray(np.minimum(off, reach))
 
     def blind_boxes(self, chosen: Chosen) -> AnyArray:
-        """Whether a field of a box has no bounds."""
-        blind = np.array([*(not leaf.bounded for leaf in self.splitter.leaves), False])
+        """Whether boxes are not to be halved often, for a field that each holds."""
+        blind = np.array([*(not leaf.halved for leaf in self.splitter.leaves), False])
         out = np.zeros(len(chosen.many), bool)
         out[np.repeat(np.arange(len(out)), chosen.many)[blind[chosen.leaf]]] = True
         return out

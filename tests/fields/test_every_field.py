@@ -159,7 +159,7 @@ def classes():
 
 
 def test_no_class_of_fields_is_forgotten():
-    assert classes() == set(EXAMPLES) | {"Node", "Stackable", "Union"}  # which are bases, too
+    assert classes() == set(EXAMPLES) | {"Node", "Stackable", "Union", "Whole"}  # which are bases, too
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -181,6 +181,8 @@ def test_fields_keep_what_they_promise(name):
     check_grid(field, rng, box)
     assert np.asarray(field.bounds).shape == (2, 3)
     assert field.lipschitz > 0.0
+    r = 1e-4 * (box[1] - box[0])
+    assert np.isfinite(field.range(p - r, p + r)).all() == field.bounded
 
 
 class Plain(Field):
