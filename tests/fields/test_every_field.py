@@ -159,7 +159,12 @@ def classes():
 
 
 def test_no_class_of_fields_is_forgotten():
-    assert classes() == set(EXAMPLES) | {"Node", "Stackable", "Union", "Whole"}  # which are bases, too
+    assert classes() == set(EXAMPLES) | {
+        "Node",
+        "Stackable",
+        "Union",
+        "Whole",
+    }  # which are bases, too
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
