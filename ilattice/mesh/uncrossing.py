@@ -109,7 +109,7 @@ class _Surface:
         faces = self.repair.vertices[self.repair.faces]
         before, self.before = self.before, np.full_like(quads, -1)
         self.before[self.repair.rows] = faces
-        active = (faces != before[self.repair.rows]).any(axis=1) | self.moved[faces].any(axis=1)
+        active = _any(faces != before[self.repair.rows]) | _any(self.moved[faces])
         self.pairs, crossing = self_intersections(self.x, faces, active, touching=True)
         doubled = self._doubled(self.repair.vertices)
         self.pairs += len(doubled)
@@ -123,9 +123,11 @@ class _Surface:
         Along a direction that no face of a part is normal to, such vertices follow each other.
         """
         x = self.x[at]
-        order = np.argsort(x @ ODD)
-        pairs = at[np.stack([order[:-1], order[1:]], axis=1)]
-        near = ONE_PLACE * float(np.ptp(x, axis=0).max(initial=0.0))
+        along = x @ ODD
+        order = np.argsort(along)
+        near = ONE_PLACE * float(max(np.ptp(column) for column in x.T)) if len(x) else 0.0
+        first = np.flatnonzero(np.diff(along[order]) <= 2.0 * near * np.abs(ODD).sum())
+        pairs = at[np.stack([order[first], order[first + 1]], axis=1)]
         pairs = pairs[(np.abs(self.x[pairs[:, 0]] - self.x[pairs[:, 1]]) <= near).all(axis=1)]
         began = self.lattice.through.x(self.start[pairs.ravel()]).reshape(-1, 2, 3)
         return pairs[np.abs(began[:, 0] - began[:, 1]).max(axis=1, initial=0.0) > near]
@@ -140,9 +142,9 @@ class _Surface:
         """Vertices near crossings, and their places part of the way to their neighbours' mean."""
         near = np.zeros(len(self.u), np.bool_)
         near[self.at] = True
-        near[self.faces[near[self.faces].any(axis=1)]] = True
+        near[self.faces[_any(near[self.faces])]] = True
         at = np.flatnonzero(near)
-        rows = self.faces[near[self.faces].any(axis=1)]
+        rows = self.faces[_any(near[self.faces])]
         total, count = np.zeros((len(self.u), 3)), np.zeros(len(self.u))
         for i, j in ((0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)):
             a, b = rows[:, i], rows[:, j]
@@ -207,6 +209,11 @@ def uncrossed(
     if s.pairs:
         unconverged |= _held_back(s, start)
     return Uncrossed(s.u, s.x, s.repair, unconverged, s.pairs)
+
+
+def _any(corners: AnyArray) -> AnyArray:
+    """Which triangles have a corner that is marked, (n,), from marks (n, 3)."""
+    return np.asarray(corners[:, 0] | corners[:, 1] | corners[:, 2])
 
 
 def _stalled(pairs: list[int]) -> bool:

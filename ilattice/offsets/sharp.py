@@ -5,7 +5,9 @@ span. A wall that ends there would close pores early, and round off the creases 
 meet. There the length of the spline's gradient in space is not 1, which tells where to ask for
 closest points instead.
 
-Guarantee: values differ from the spline's only within `BAND` spans of the level of a wall.
+Guarantee: values differ from the spline's only within `BAND` spans of the level of a wall, and
+within `BAND` of what the spline changes by over a span there: where a map squeezes tiles, spans are
+long along directions in which the distance hardly changes.
 Non-guarantees: some points at kinks are missed, where the gradient has length 1 by chance; values
 jump where exact ones take over, by the error of the spline there; derivatives are those of the
 spline.
@@ -18,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._field import Field
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_points
 from ilattice.offsets._small import solved
 
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface
     from ilattice.offsets.thickness import Thickness
 
-#: Distances from the level of the wall, in the longest spans, at which kinks matter: more than the
-#: largest error of the spline, a quarter of a span.
+#: Distances from the level of the wall, in the longest spans, and in changes of the spline over a
+#: span around, at which kinks matter: more than the largest error of the spline, a quarter of that.
 BAND = 0.3
 #: Least deviation of the length of the gradient from 1 at a kink.
 BENT = 0.05
@@ -54,6 +56,7 @@ class SharpDistance(Field):
     def __init__(self, lattice: MidSurface, spline: BSpline, thickness: Thickness) -> None:
         self.lattice, self.spline, self.thickness = lattice, spline, thickness
         self.band = reach(lattice, spline)
+        self.bands = np.minimum(BAND * changes(spline), self.band)
 
     @property
     def bounds(self) -> FloatArray:
@@ -90,7 +93,9 @@ class SharpDistance(Field):
     def _near(self, u: FloatArray, s: FloatArray) -> AnyArray:
         """Where the level of the wall is near."""
         inner, outer = self.thickness.inner(u), self.thickness.outer(u)
-        return np.minimum(np.abs(-s - inner), np.abs(s - outer)) < self.band
+        band = self.bands[span_of(self.spline, u)]
+        near: AnyArray = np.minimum(np.abs(-s - inner), np.abs(s - outer)) < band
+        return near
 
     def _bent(self, u: FloatArray) -> AnyArray:
         """Where the spline is not a distance."""
@@ -121,3 +126,43 @@ def reach(lattice: MidSurface, spline: BSpline) -> float:
     sites = [np.linspace(lo[a], hi[a], SITES) for a in range(3)]
     _, slopes = lattice.through.geometry.grid(sites, 1)
     return BAND * float(np.linalg.norm(slopes * span, axis=-2).max())
+
+
+def changes(spline: BSpline) -> FloatArray:
+    """How much a spline changes over a span, at most, around its spans.
+
+    Parameters
+    ----------
+    spline : BSpline
+        A scalar spline of three parameters.
+
+    Returns
+    -------
+    ndarray, shape (m0, m1, m2)
+        By the number of the first coefficient that counts in a span: norms of the largest
+        differences of the coefficients that count there, along each direction, for the longest
+        span in place of the step between Greville abscissae.
+    """
+    total = np.zeros([n - k for n, k in zip(spline.shape, spline.k, strict=True)])
+    for axis in range(3):
+        step = np.maximum(np.diff(spline.greville(axis)), np.finfo(np.float64).tiny)
+        slope = np.abs(np.diff(spline.c, axis=axis)) / np.expand_dims(
+            step, tuple(a for a in range(3) if a != axis)
+        )
+        for a, width in enumerate(spline.k):  # of k + 1 coefficients there are k differences
+            slope = _greatest(slope, width + (a != axis), a)
+        total += (slope * np.diff(spline.breaks(axis)).max()) ** 2
+    return np.sqrt(total)
+
+
+def _greatest(values: FloatArray, width: int, axis: int) -> FloatArray:
+    """Largest of so many values that follow each other along an axis."""
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width, axis).max(axis=-1))
+
+
+def span_of(spline: BSpline, u: FloatArray) -> tuple[IntArray, ...]:
+    """Numbers (n,), along each axis, of the first coefficients that count at parameters (n, 3)."""
+    return tuple(
+        np.clip(np.searchsorted(t, u[:, a], "right") - 1, k, n - 1) - k
+        for a, (t, k, n) in enumerate(zip(spline.t, spline.k, spline.shape, strict=True))
+    )
