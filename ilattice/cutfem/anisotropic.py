@@ -17,8 +17,8 @@ matrix; volume is not kept by projection: what hardly changes its volume locks, 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
 from ilattice.cutfem._voigt import MANDEL, rotated
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
-from ilattice.cutfem.material import Elastic, Isotropic, Property, Scalar
+from ilattice.cutfem.material import Elastic, Isotropic, PerPhase, Property, Scalar
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
@@ -209,19 +209,19 @@ def _three(name: str, value: Any, *, sign: bool = False) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffness:
-    """A stiffness as it was given.
+class Tensor(PerPhase):
+    """A stiffness or conductivity as it was given.
 
     Attributes
     ----------
-    value : ndarray, Graded, callable, or pair of these
-        A matrix, or one of each phase.
+    value : float, str, ndarray, Graded, callable, or pair of these
+        The tensor, or one of each phase.
     axes : {"space", "map"}
         Which axes matrices have.
     lattice : object or None
         Where named properties come from.
     phased : bool
-        See `Scalar`.
+        Whether there are two phases, see `Scalar`.
     """
 
     value: Any
@@ -230,35 +230,49 @@ class Stiffness:
     phased: bool = False
 
     @classmethod
-    def of(cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, phased: Any) -> Any:
+    def of(
+        cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, phased: bool
+    ) -> Self:
         """What a user gave, checked, with axes of space wherever the map turns all alike."""
         if not among(axes, AXES):
             raise InputError(f"axes must be one of {AXES}, got {axes!r:.80}")
-        pair = isinstance(value, tuple | list) and len(value) == 2 and phased
         J = np.eye(3)[None] if through is None else constant_jacobian(through)
         turn = None if axes == "space" or J is None else turns(J)[0]
-        parts = [_checked(v, lattice, turn) for v in (value if pair else (value,))]
+        pair = isinstance(value, tuple | list) and len(value) == 2 and phased
+        parts = [cls._checked(v, lattice, turn) for v in (value if pair else (value,))]
         if J is not None and not any(callable(p) or isinstance(p, Graded) for p in parts):
             axes = "space"
         return cls(tuple(parts) if pair else parts[0], axes, lattice, phased)
 
-    @property
-    def paired(self) -> bool:
-        """Whether each phase has its own."""
-        return isinstance(self.value, tuple)
+    @staticmethod
+    def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
+        """One as it is kept, matrices turned."""
+        raise NotImplementedError
 
-    @property
-    def phases(self) -> "tuple[Stiffness, Stiffness]":
-        """The stiffness of the first and of the second phase."""
-        if not self.paired:
-            return self, self
-        first, second = self.value
-        return replace(self, value=first, phased=False), replace(self, value=second, phased=False)
+
+class Stiffness(Tensor):
+    """A stiffness as it was given: a matrix (6, 6), a `Graded`, a callable, or a pair of these."""
 
     @property
     def constant(self) -> bool:
         """Whether it is one matrix."""
         return isinstance(self.value, np.ndarray) and self.axes == "space"
+
+    @staticmethod
+    def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
+        """See `Tensor._checked`."""
+        if isinstance(value, Graded):
+            Scalar("by", value.by, -np.inf, lattice=lattice)
+            return value
+        if callable(value):
+            return value
+        C = as_matrices("stiffness", value)
+        if C.ndim != 2:
+            raise InputError(
+                f"stiffness must be a matrix (6, 6), a function of points, a Graded, or a pair of "
+                f"these with phases=, got shape {C.shape}"
+            )
+        return read_only(C if turn is None else rotated(C, turn))
 
     def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Matrices (n, 6, 6) at parameters (n, 3), or (1, 6, 6) of a constant; see `Scalar.at`."""
@@ -287,22 +301,6 @@ class Stiffness:
             at = ", ".join(f"{c:.4g}" for c in asm.x(u)[wrong[0] if len(C) > 1 else 0])
             raise InputError(f"stiffness at ({at}) {wrong[1]}")
         return C
-
-
-def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
-    """One stiffness as it is kept."""
-    if isinstance(value, Graded):
-        Scalar("by", value.by, -np.inf, lattice=lattice)
-        return value
-    if callable(value):
-        return value
-    C = as_matrices("stiffness", value)
-    if C.ndim != 2:
-        raise InputError(
-            f"stiffness must be a matrix (6, 6), a function of points, a Graded, or a pair of "
-            f"these with phases=, got shape {C.shape}"
-        )
-    return read_only(C if turn is None else rotated(C, turn))
 
 
 def turns(J: FloatArray) -> FloatArray:

@@ -10,21 +10,19 @@ Axes that follow a map are those of its rotation, as in `anisotropic`.
 Guarantee: every matrix is checked to be symmetric and positive definite where it is used.
 """
 
-from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import among, as_array, asked, check_finite, read_only
+from ilattice._validate import as_array, asked, check_finite, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._voigt import VOIGT
-from ilattice.cutfem.anisotropic import AXES, MIN_EIGENVALUE, ODD, turns
-from ilattice.cutfem.assembly import Assembly, constant_jacobian
+from ilattice.cutfem.anisotropic import MIN_EIGENVALUE, ODD, Tensor, turns
+from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.law import Law
 from ilattice.cutfem.material import OfParameters, Scalar, Single
 from ilattice.errors import InputError
-from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.rules import Quadrature
 
 NAME = "conductivity"
@@ -33,61 +31,30 @@ One = Single | FloatArray
 Conducting = One | tuple[One, One]
 
 
-@dataclass(frozen=True, eq=False)
-class Conduction(Law):
+class Conduction(Tensor, Law):
     """A conductivity as it was given: the law of heat, of which the flux has the other sign.
 
-    Attributes
-    ----------
-    value : float, str, callable, ndarray of shape (3, 3), or pair of these
-        The property; of both phases.
-    axes : {"space", "map"}
-        Which axes matrices have.
-    lattice : object or None
-        Where named properties come from.
-    phased : bool
-        Whether there are two phases, see `Scalar`.
+    It is a number, a name, a matrix (3, 3), a callable, or a pair of these.
     """
 
     called: ClassVar[str] = NAME
-    value: Any
-    axes: str = "space"
-    lattice: Any = None
-    phased: bool = False
-
-    @classmethod
-    def of(
-        cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, phased: bool
-    ) -> "Conduction":
-        """What a user gave, checked, with axes of space wherever the map turns all alike."""
-        if not among(axes, AXES):
-            raise InputError(f"axes must be one of {AXES}, got {axes!r:.80}")
-        J = np.eye(3)[None] if through is None else constant_jacobian(through)
-        turn = None if axes == "space" or J is None else turns(J)[0]
-        pair = isinstance(value, tuple | list) and len(value) == 2 and phased
-        parts = [_checked(v, lattice, turn) for v in (value if pair else (value,))]
-        if J is not None and not any(callable(p) for p in parts):
-            axes = "space"
-        return cls(tuple(parts) if pair else parts[0], axes, lattice, phased)
-
-    @property
-    def paired(self) -> bool:
-        """Whether each phase has its own."""
-        return isinstance(self.value, tuple)
-
-    @property
-    def phases(self) -> "tuple[Conduction, Conduction]":
-        """The conductivity of the first and of the second phase."""
-        if not self.paired:
-            return self, self
-        first, second = self.value
-        return replace(self, value=first, phased=False), replace(self, value=second, phased=False)
 
     @property
     def constant(self) -> bool:
         """Whether it is one number or matrix."""
         fixed = not (self.paired or isinstance(self.value, str) or callable(self.value))
         return fixed and (self.axes == "space" or not isinstance(self.value, np.ndarray))
+
+    @staticmethod
+    def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
+        """See `Tensor._checked`."""
+        if callable(value):
+            return value
+        if isinstance(value, str) or np.ndim(value) != 2:
+            Scalar(NAME, value, lattice=lattice)
+            return value if isinstance(value, str) else float(np.ravel(value)[0])
+        k = _matrices(as_array(NAME, value)[None], None)[0]
+        return read_only(k if turn is None else turn @ k @ turn.T)
 
     @property
     def told(self) -> dict[str, Any]:
@@ -138,17 +105,6 @@ class Conduction(Law):
             return k
         Q = turns(asm.jacobians(u))
         return np.asarray(Q @ k @ Q.transpose(0, 2, 1))
-
-
-def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
-    """One conductivity as it is kept."""
-    if callable(value):
-        return value
-    if isinstance(value, str) or np.ndim(value) != 2:
-        Scalar(NAME, value, lattice=lattice)
-        return value if isinstance(value, str) else float(np.ravel(value)[0])
-    k = _matrices(as_array(NAME, value)[None], None)[0]
-    return read_only(k if turn is None else turn @ k @ turn.T)
 
 
 def _matrices(value: Any, x: FloatArray | None) -> FloatArray:

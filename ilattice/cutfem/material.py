@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from ilattice._shown import Shown
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem import _kernels_assembly as kernels
@@ -74,8 +75,28 @@ class MapProperties:
         return self.through.extra(u)[:, self.through.names.index(name)]
 
 
+class PerPhase(Shown):
+    """What is one for all of a solid, or a pair, one for each of two phases: a dataclass."""
+
+    value: Any
+    phased: bool
+
+    @property
+    def paired(self) -> bool:
+        """Whether each phase has its own."""
+        return isinstance(self.value, tuple | list)
+
+    @property
+    def phases(self) -> tuple[Self, Self]:
+        """What the first and what the second phase has."""
+        if not self.paired:
+            return self, self
+        first, second = (replace(self, value=v, phased=False) for v in self.value)  # type: ignore[type-var]
+        return first, second
+
+
 @dataclass(frozen=True, eq=False)
-class Scalar:
+class Scalar(PerPhase):
     """One property of a material.
 
     Attributes
@@ -124,19 +145,6 @@ class Scalar:
                     f"property, got shape {value.shape}"
                 )
             self._check(value.ravel())
-
-    @property
-    def paired(self) -> bool:
-        """Whether each phase has its own."""
-        return isinstance(self.value, tuple | list)
-
-    @property
-    def phases(self) -> "tuple[Scalar, Scalar]":
-        """The property of the first and of the second phase."""
-        if not self.paired:
-            return self, self
-        first, second = self.value  # type: ignore[misc,str-unpack]
-        return replace(self, value=first, phased=False), replace(self, value=second, phased=False)
 
     @property
     def constant(self) -> bool:
