@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import FixedMapping, read_only
 from ilattice.cutfem._voigt import elastic_stress, engineering_strain
 from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.places import Motion
@@ -153,8 +152,7 @@ class Deformed(Solved, Stresses):
     @cached_property
     def reactions(self) -> Mapping[str, FloatArray]:
         """Force (3,) that each place of supports and springs exerts on the solid."""
-        found = self.problem._reactions(self.coefficients, self._own_flux_on)
-        return FixedMapping({on: read_only(force) for on, force in found.items()})
+        return self._coming_in
 
     @cached_property
     def equilibrium(self) -> float:

@@ -28,8 +28,8 @@ import numpy as np
 
 from ilattice._progress import Progress, staged
 from ilattice._shown import Shown
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_kind, as_points, read_only
+from ilattice._typing import FloatArray
+from ilattice._validate import as_kind, read_only
 from ilattice.cutfem import rigid
 from ilattice.cutfem.discretization import warn
 from ilattice.cutfem.eigen import largest
@@ -91,39 +91,10 @@ class Mode(Result):
     kind: str
     number: float
     shown: ClassVar[str] = "displacement"
+    written: ClassVar[tuple[tuple[str, str], ...]] = (("displacement", "evaluate"),)
 
     def __repr__(self) -> str:
         return f"Mode({self.kind} {self.number:.6g})"
-
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """Displacement at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Displacement; NaN more than a cell away from the solid.
-        """
-        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[0]
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``displacement`` (n, 3).
-        """
-        return {"displacement": self.evaluate(u)}
 
     def field_data(self) -> dict[str, float]:
         """Numbers that files hold about the whole.

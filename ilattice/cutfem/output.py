@@ -34,6 +34,8 @@ class Result(FrozenCopies):
     problem: Pointwise
     coefficients: FloatArray
     shown: ClassVar[str]  #: the field that gives pictures their colours
+    #: fields in files: their names, and those of the functions of parameters that they are
+    written: ClassVar[tuple[tuple[str, str], ...]] = ()
     probed: ClassVar[tuple[str, ...]] = ()  #: functions of parameters, besides `point_data`
 
     def __post_init__(self) -> None:
@@ -42,7 +44,23 @@ class Result(FrozenCopies):
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, read_only(value.view()))
 
-    def point_data(self, u: Any) -> dict[str, AnyArray]:
+    def evaluate(self, u: ArrayLike) -> FloatArray:
+        """The unknown at parameters: a displacement, a temperature, or that of another law.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, m), or (n,) of one unknown
+            The field; NaN more than a cell away from the solid.
+        """
+        value = self._fields(u)[0]
+        return value[:, 0] if value.shape[1] == 1 else value
+
+    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
         """What files hold, at parameters.
 
         Parameters
@@ -53,9 +71,9 @@ class Result(FrozenCopies):
         Returns
         -------
         dict of str to ndarray
-            Fields by name.
+            Fields by name, those of `written`.
         """
-        raise NotImplementedError
+        return {name: getattr(self, function)(u) for name, function in self.written}
 
     def field_data(self) -> dict[str, float]:
         """Numbers that files hold about the whole.

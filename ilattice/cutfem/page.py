@@ -154,6 +154,7 @@ def _results(result: Result) -> dict[str, str]:
         if value is not None:
             out[name] = _number(value)
     rule = result.problem.domain.solid(result.problem.assembly)
+    assert rule.parameters is not None
     data = result.point_data(rule.parameters)
     for name, values in data.items():
         if values.ndim == 1:

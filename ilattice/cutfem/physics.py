@@ -24,8 +24,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, as_choice, as_kind, as_points, read_only
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_choice, as_points
 from ilattice.cutfem.law import Law
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
@@ -305,6 +305,7 @@ class FieldSolution(Solved):
 
     problem: Physics
     shown: ClassVar[str] = "value"
+    written: ClassVar[tuple[tuple[str, str], ...]] = (("value", "evaluate"), ("flux", "flux"))
 
     def __repr__(self) -> str:
         return f"FieldSolution({len(self.coefficients)} functions, energy {self.energy:.6g})"
@@ -312,37 +313,6 @@ class FieldSolution(Solved):
     @property
     def _smooth(self) -> "type[RecoveredField]":
         return RecoveredField
-
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """The field at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,), or (n, m) of several unknowns
-            The field; NaN more than a cell away from the solid.
-        """
-        value = self._fields(u)[0]
-        return value[:, 0] if self.problem.m == 1 else value
-
-    def gradient(self, u: ArrayLike) -> FloatArray:
-        """Gradient in space at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, m, 3)
-            Of each unknown.
-        """
-        return self._fields(u)[1]
 
     def flux(self, u: ArrayLike) -> FloatArray:
         """Flux of the law at parameters: its tensor times the gradient.
@@ -372,7 +342,7 @@ class FieldSolution(Solved):
         ndarray, shape (n, 3 m)
             As `flux`.
         """
-        return self._flux_on(as_kind("rule", rule, "Quadrature"))
+        return self._flux_on(rule)
 
     @cached_property
     def energy(self) -> float:
@@ -382,23 +352,7 @@ class FieldSolution(Solved):
     @cached_property
     def inflow(self) -> Mapping[str, FloatArray]:
         """What comes in (m,) through each place where the field is held or exchanged."""
-        found = self.problem._reactions(self.coefficients, self._own_flux_on)
-        return FixedMapping({on: read_only(flow) for on, flow in found.items()})
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``value`` (n,) or (n, m), ``flux`` (n, 3 m).
-        """
-        return {"value": self.evaluate(u), "flux": self.flux(u)}
+        return self._coming_in
 
     def field_data(self) -> dict[str, float]:
         """Numbers that files hold about the whole.

@@ -14,8 +14,8 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._progress import Progress, staged
-from ilattice._typing import FloatArray
-from ilattice._validate import as_kind
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import FixedMapping, as_kind, read_only
 from ilattice.cutfem import recovery
 from ilattice.cutfem.estimate import ErrorEstimate, error_of
 from ilattice.cutfem.output import Result
@@ -88,6 +88,27 @@ class Solved(Result):
             From the difference between flux and recovered flux.
         """
         return error_of(self, self._own_flux_on, self._squared_norm, progress)
+
+    def gradient(self, u: ArrayLike) -> FloatArray:
+        """Gradient of the unknown in space, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, m, 3)
+            Of each component; NaN more than a cell away from the solid.
+        """
+        return self._fields(u)[1]
+
+    @property
+    def _coming_in(self) -> FixedMapping[str, FloatArray]:
+        """What comes in (m,) through each place of supports and springs: heat, or a force."""
+        found = self.problem._reactions(self.coefficients, self._own_flux_on)
+        return FixedMapping({on: read_only(flow) for on, flow in found.items()})
 
     def _flux_on(self, rule: Quadrature) -> FloatArray:
         """Flux (n, entries) at the points of a rule in the active cells."""

@@ -26,22 +26,7 @@ class Stresses(Result):
     shown: ClassVar[str] = "von_mises"
     probed: ClassVar[tuple[str, ...]] = ("strain", "principal", "utilization", "margin")
 
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """Displacement at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Displacement; NaN more than a cell away from the solid.
-        """
-        return self._fields(u)[0]
-
-    displacement = evaluate
+    displacement = Result.evaluate
 
     def strain(self, u: ArrayLike) -> FloatArray:
         """Strain at parameters.

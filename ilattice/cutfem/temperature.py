@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Known
@@ -61,21 +61,10 @@ class Temperature(Solved, Known):
     time: float | None = field(default=None, kw_only=True)
     step: Step | None = field(default=None, kw_only=True)
     shown: ClassVar[str] = "temperature"
-
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """Temperature at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Temperature; NaN more than a cell away from the solid.
-        """
-        return self._fields(u)[0][:, 0]
+    written: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("temperature", "evaluate"),
+        ("heat_flux", "heat_flux"),
+    )
 
     def heat_flux(self, u: ArrayLike) -> FloatArray:
         """Heat flux at parameters.
@@ -112,21 +101,6 @@ class Temperature(Solved, Known):
         if _same(self.problem.assembly.through, asm.through):
             return self.evaluate(u)
         return np.asarray(self.at(asm.x(u), outside="nan").temperature)
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``temperature`` (n,), ``heat_flux`` (n, 3).
-        """
-        return {"temperature": self.evaluate(u), "heat_flux": self.heat_flux(u)}
 
     def field_data(self) -> dict[str, float]:
         """Numbers that files hold about the whole.

@@ -16,7 +16,7 @@ import numpy as np
 
 from ilattice._files import as_path, atomic_write, write_report
 from ilattice._shown import Shown
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points, as_whole, read_only
 from ilattice.cutfem.output import Result
 from ilattice.errors import FormatError, InputError
@@ -103,6 +103,7 @@ class BlochMode(Result):
     omega: float
     phase: float = 0.0
     shown: ClassVar[str] = "displacement"
+    written: ClassVar[tuple[tuple[str, str], ...]] = (("displacement", "evaluate"),)
 
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """Displacement at parameters.
@@ -122,21 +123,6 @@ class BlochMode(Result):
         v = asm.evaluate(self.coefficients, u)[0]
         angle = asm.x(u) @ self.k - self.phase
         return np.cos(angle)[:, None] * v[:, :3] - np.sin(angle)[:, None] * v[:, 3:]
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``displacement`` (n, 3).
-        """
-        return {"displacement": self.evaluate(u)}
 
     def field_data(self) -> dict[str, float]:
         """Numbers that files hold about the whole.
