@@ -5,6 +5,7 @@ the numbers of arrays. Non-guarantee: that the line is Python that would make th
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
 
@@ -83,9 +84,9 @@ def _text(thing: Any, depth: int) -> str:
 
 def _attributes(thing: Any, depth: int) -> Iterator[str]:
     """What a dataclass is made of, by name."""
-    for name, field in getattr(thing, "__dataclass_fields__", {}).items():
-        if field.repr and not name.startswith("_") and hasattr(thing, name):
-            yield f"{name}={_text(getattr(thing, name), depth)}"
+    for field in fields(thing) if is_dataclass(thing) else ():
+        if field.repr and not field.name.startswith("_") and hasattr(thing, field.name):
+            yield f"{field.name}={_text(getattr(thing, field.name), depth)}"
 
 
 def _members(things: Any, depth: int) -> Iterator[str]:
