@@ -62,8 +62,20 @@ class Result(Frozen):
     density: float
     percolates: tuple[bool, bool, bool]
     report: HomogenizationReport
-    quantity: ClassVar[str] = ""
-    title: ClassVar[str] = ""
+    #: its matrix, of which there are `errors`; what its surface shows, and the title of that
+    matrix: ClassVar[str]
+    quantity: ClassVar[str]
+    title: ClassVar[str]
+
+    @property
+    def error(self) -> float:
+        """Largest estimated error of a diagonal entry of the matrix, as a part of it.
+
+        Entries are found too large, so that 0.8 says five times. NaN without an estimate.
+        """
+        values, errors = (np.diag(getattr(self, name)) for name in (self.matrix, "errors"))
+        there = values > SOFT * values.max(initial=0.0)
+        return float((errors[there] / values[there]).max(initial=0.0))
 
     def surface(self, level: int = 5) -> SurfaceMesh:
         """The property in all directions as a surface: its distance from the origin.

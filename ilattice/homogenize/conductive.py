@@ -21,6 +21,7 @@ from ilattice._validate import as_flag, read_only
 from ilattice.cutfem.choosing import USUAL
 from ilattice.cutfem.conduction import Conducting, as_matrices
 from ilattice.cutfem.heat import Heat
+from ilattice.homogenize import tensors
 from ilattice.homogenize.arguments import as_cell, check_options, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
@@ -65,7 +66,7 @@ class ConductiveCell(CellProblem, Heat):
         asm, total = self.assembly, np.zeros((3, 3))
         rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
         for s, part in zip(self.conductivity.phases, self.domain.of_phases(rule), strict=False):
-            total += _integral(as_matrices(s.at(asm, part.points)), part.weights)
+            total += tensors.weighted(as_matrices(s.at(asm, part.points)), part.weights)
         return abs(float(np.linalg.det(self._jacobian[0]))) * total
 
     def homogenized(
@@ -181,7 +182,8 @@ def _bounds(problem: ConductiveCell) -> tuple[float, ConductivityBounds]:
         k = s.at(problem.assembly_of_all, part.points)
         known.append(float(k[0]) if s.constant and k.ndim == 1 else np.nan)
         k, w = as_matrices(k), f * part.weights / part.weights.sum()
-        mean, resistance = mean + _integral(k, w), resistance + _integral(_inverse(k), w)
+        mean = mean + tensors.weighted(k, w)
+        resistance = resistance + tensors.weighted(np.asarray(np.linalg.inv(k)), w)
     density = float(fractions.sum())
     full = density > 1.0 - FULL
     interval = None
@@ -190,12 +192,3 @@ def _bounds(problem: ConductiveCell) -> tuple[float, ConductivityBounds]:
         interval = conductive_bounds(f / f.sum(), np.append(known, 0.0))
     least = np.asarray(np.linalg.inv(resistance)) if full else np.zeros((3, 3))
     return density, ConductivityBounds((least, mean), interval)
-
-
-def _inverse(k: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.inv(k), np.float64)
-
-
-def _integral(k: FloatArray, w: FloatArray) -> FloatArray:
-    """Sum of matrices (n, 3, 3), or of one for all, times weights (n,)."""
-    return w.sum() * k[0] if len(k) == 1 else np.einsum("q,qij->ij", w, k)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.homogenize import tensors
-from ilattice.homogenize._result import SOFT, Result, finite, told
+from ilattice.homogenize._result import Result, finite, told
 from ilattice.homogenize.bounds import ConductivityBounds
 
 
@@ -34,6 +34,7 @@ class Conductivity(Result):
     k: FloatArray
     errors: FloatArray
     bounds: ConductivityBounds
+    matrix: ClassVar[str] = "k"
     quantity: ClassVar[str] = "k"
     title: ClassVar[str] = "conductivity k"
 
@@ -43,16 +44,6 @@ class Conductivity(Result):
             f"Conductivity(density {self.density:.4g}, k {a:.4g}, {b:.4g}, {c:.4g}, "
             f"error {self.error:.1e})"
         )
-
-    @property
-    def error(self) -> float:
-        """Largest estimated error of a diagonal entry of k, as a part of it.
-
-        Entries are found too large, so that 0.8 says five times. NaN without an estimate.
-        """
-        k = np.diag(self.k)
-        there = k > SOFT * k.max(initial=0.0)
-        return float((np.diag(self.errors)[there] / k[there]).max(initial=0.0))
 
     @property
     def mean(self) -> float:

@@ -74,6 +74,7 @@ class Effective(Result):
     expansion: FloatArray | None = None
     expansion_errors: FloatArray | None = None
     of_solid: str | None = None
+    matrix: ClassVar[str] = "C"
     quantity: ClassVar[str] = "E"
     title: ClassVar[str] = "Young's modulus E"
 
@@ -103,16 +104,6 @@ class Effective(Result):
         )
 
     # ---------------------------------------------------------------- numbers
-
-    @property
-    def error(self) -> float:
-        """Largest estimated error of a diagonal entry of C, as a part of it.
-
-        Entries are found too large, so that 0.8 says five times. NaN without an estimate.
-        """
-        stiff = np.diag(self.C)
-        there = stiff > SOFT * stiff.max(initial=0.0)
-        return float((np.diag(self.errors)[there] / stiff[there]).max(initial=0.0))
 
     @cached_property
     def S(self) -> FloatArray:

@@ -209,7 +209,7 @@ def _integral(
     for i in range(0, len(w), AT_ONCE):
         C, part = m.matrices(asm, u[i : i + AT_ONCE]), w[i : i + AT_ONCE]
         C = np.asarray(np.linalg.inv(C), np.float64) if soft else C
-        total += part.sum() * C[0] if len(C) == 1 else np.einsum("n,nij->ij", part, C)
+        total += tensors.weighted(C, part)
     return total
 
 

@@ -75,6 +75,12 @@ def size(C: FloatArray) -> float:
     return float(np.linalg.norm(C * np.outer(MANDEL, MANDEL)))
 
 
+def weighted(C: FloatArray, weights: FloatArray) -> FloatArray:
+    """Sum of matrices (n, k, k), or of one for all, times weights (n,)."""
+    out = weights.sum() * C[0] if len(C) == 1 else np.einsum("n,nij->ij", weights, C)
+    return np.asarray(out)
+
+
 def of_moduli(bulk: float, shear: float) -> FloatArray:
     """Isotropic stiffness of two moduli."""
     return isotropic(bulk - 2.0 * shear / 3.0, shear)
