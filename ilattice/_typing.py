@@ -35,6 +35,21 @@ class Solid(Protocol):
 
 
 @runtime_checkable
+class NamedProperties(Protocol):
+    """What has properties with names, as functions of parameters: a lattice, or what is like it.
+
+    A solid says by `named_properties` where those of its material come from.
+    """
+
+    @property
+    def domain(self) -> FloatArray:
+        """The box of parameters, shape (2, 3)."""
+
+    def property_at(self, name: str, u: FloatArray) -> FloatArray:
+        """Values (n,) at parameters (n, 3), or an error of a name that is not known."""
+
+
+@runtime_checkable
 class Map(Protocol):
     """A map from the parameter box D to space, with optional further coordinates."""
 

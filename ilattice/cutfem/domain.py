@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray, NamedProperties
 from ilattice._validate import Frozen, among, as_choice, as_positive
 from ilattice.cutfem import gaps
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
@@ -91,6 +91,8 @@ class Domain(Frozen):
         Where the level sets come from.
     chosen : str
         Why it has this degree, if nobody gave one.
+    named : NamedProperties or None
+        Where properties come from that are given by name, if the solid has some.
     """
 
     cut: CutGrid
@@ -101,6 +103,7 @@ class Domain(Frozen):
     weight: float | None
     wall: OffsetSolid | None = None
     chosen: str = ""
+    named: NamedProperties | None = None
     _made: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -420,12 +423,6 @@ def where(rule: Quadrature, keep: AnyArray) -> Quadrature:
     )
 
 
-def lattice_of(field: Any) -> Any:
-    """The lattice that a solid is made of, or None."""
-    wall = field if isinstance(field, OffsetSolid) else getattr(field, "wall", None)
-    return wall.lattice if isinstance(wall, OffsetSolid) else None
-
-
 def as_domain(
     field: Any, cells: Any, *, degree: int | str, smoothness: int | None, q: int | None,
     stabilization: str, weight: float | None, domain: Any, through: Any, bends: bool = True,
@@ -474,7 +471,8 @@ def as_domain(
         raise InputError(f"weight of the void must not exceed 1, got {weight!r}")
     grid = _as_cut(field, cells, domain, through) if grid is None else grid
     wall = field if isinstance(field, OffsetSolid) else None
-    return Domain(grid, degree, smoothness, int(q), stabilization, weight, wall, chosen)
+    named = getattr(field, "named_properties", None)
+    return Domain(grid, degree, smoothness, int(q), stabilization, weight, wall, chosen, named)
 
 
 def _as_cut(field: Any, cells: Any, domain: Any, through: Any) -> CutGrid:

@@ -38,8 +38,7 @@ from ilattice.cutfem.choosing import USUAL
 from ilattice.cutfem.conditions import Connection, as_value
 from ilattice.cutfem.deformed import Deformed
 from ilattice.cutfem.dilatation import MAX_SMOOTH, is_near
-from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.material import MapProperties, Property
+from ilattice.cutfem.material import Property, named_properties
 from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.places import Motion, as_vector
@@ -162,14 +161,11 @@ class Elasticity(ElasticOperators):
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
-        through, lattice = where.cut.through, lattice_of(field)
-        if lattice is None and through is not None and through.names:
-            lattice = MapProperties(through)
-        known = {"lattice": lattice, "phased": where.phased}
+        known: dict[str, Any] = {"lattice": named_properties(where), "phased": where.phased}
         if stiffness is not None and dilatation == "projected":
             raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
         material = as_material(
-            young, poisson, density, expansion, strength, stiffness, axes, through, known
+            young, poisson, density, expansion, strength, stiffness, axes, where.cut.through, known
         )
         _ = where.interface  # areas between phases that are not known are told here
         super().__init__(where, islands)

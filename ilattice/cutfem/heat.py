@@ -30,8 +30,7 @@ from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import discretization, integration, watching
 from ilattice.cutfem.conditions import as_value, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
-from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.material import Property, Scalar
+from ilattice.cutfem.material import Property, Scalar, named_properties
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.series import Series
@@ -102,7 +101,7 @@ class Heat(Problem):
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases, bends=False,
         )  # fmt: skip
-        known = {"lattice": lattice_of(field), "phased": where.phased}
+        known: dict[str, Any] = {"lattice": named_properties(where), "phased": where.phased}
         properties = {
             "conductivity": Conduction.of(conductivity, axes, where.cut.through, **known),
             "capacity": Scalar("capacity", capacity, **known),

@@ -15,22 +15,30 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ilattice._shown import Shown
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, NamedProperties
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import _voigt
 from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.jumps import CALM
 from ilattice.cutfem.law import Law
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
-from ilattice.macroshape.tiling import Tiling
 from ilattice.quadrature.rules import Quadrature, some_cells
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
 #: Points at which full matrices are held at a time.
 AT_ONCE = 8192
+
+
+def named_properties(domain: Domain) -> NamedProperties | None:
+    """Where properties of a solid come from by name: itself, or extra coordinates of its map."""
+    through = domain.cut.through
+    if domain.named is None and through is not None and through.names:
+        return MapProperties(through)
+    return domain.named
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +60,7 @@ class OfParameters:
 
 @dataclass(frozen=True, eq=False)
 class MapProperties:
-    """Extra coordinates of a map as properties of a solid that is no wall.
+    """Extra coordinates of a map as properties of a solid that has none of its own.
 
     Attributes
     ----------
@@ -107,7 +115,7 @@ class Scalar(PerPhase):
         The property; of both phases.
     low, high : float
         Values must lie strictly between; with `closed`, low itself is allowed.
-    lattice : Lattice, MapProperties or None
+    lattice : NamedProperties or None
         Where named properties come from.
     phased : bool
         Whether there are two phases, so that the value may be a pair.
@@ -118,7 +126,7 @@ class Scalar(PerPhase):
     low: float = 0.0
     high: float = np.inf
     closed: bool = False
-    lattice: "Tiling | MapProperties | None" = None
+    lattice: NamedProperties | None = None
     phased: bool = False
 
     def __post_init__(self) -> None:
@@ -132,8 +140,8 @@ class Scalar(PerPhase):
         elif isinstance(self.value, str):
             if self.lattice is None:
                 raise InputError(
-                    f"{self.name}={self.value!r}: only walls, and maps with extra "
-                    "coordinates, have named properties"
+                    f"{self.name}={self.value!r}: only walls, other solids with "
+                    "`named_properties`, and maps with extra coordinates have some"
                 )
             middle = self.lattice.domain.mean(axis=0, keepdims=True)
             self.lattice.property_at(self.value, middle)

@@ -334,7 +334,7 @@ def _divided(domain: Domain, phases: Any) -> PhasedDomain:
         cuts.append(part)
     return PhasedDomain(
         domain.cut, domain.degree, domain.smoothness, domain.q, domain.stabilization,
-        domain.weight, domain.wall, phases=(cuts[0], cuts[1]), level=level,
+        domain.weight, domain.wall, named=domain.named, phases=(cuts[0], cuts[1]), level=level,
     )  # fmt: skip
 
 

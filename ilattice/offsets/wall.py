@@ -74,6 +74,11 @@ class OffsetSolid(Shown):
         """Name of the tiles."""
         return self.lattice.tile.name
 
+    @property
+    def named_properties(self) -> MidSurface:
+        """Where properties come from that are given by name."""
+        return self.lattice
+
     def level_sets(self) -> WallField:
         """What is negative in the solid, for quadrature.
 

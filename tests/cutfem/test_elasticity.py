@@ -7,7 +7,7 @@ import pytest
 from manufactured import LAM, MU, ball
 
 import ilattice as il
-from ilattice.cutfem import Elasticity
+from ilattice.cutfem import Elasticity, Heat
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 
 #: Numbers on coarse grids are what is tested here.
@@ -234,6 +234,42 @@ def test_material_may_vary():
         Elasticity(lattice.offset(0.2), 6, young="soft").clamp("w=0").system  # noqa: B018
     with pytest.raises(InputError, match="property"):
         Elasticity(lattice.offset(0.2), 6, young="hard")
+
+
+class Rated:
+    """A block with a property of its own, through a map with none."""
+
+    name, through, domain = "rated", il.macroshape.box((1, 1, 2)), np.array([[0.0] * 3, [1.0] * 3])
+    named_properties = property(lambda self: self)
+
+    def level_sets(self):
+        return il.BSpline([[0.0] * 2 + [1.0] * 2] * 3, -np.ones((2, 2, 2)), 1)
+
+    def property_at(self, name, u):
+        assert name == "rate"
+        return 1.0 + u[:, 2]
+
+
+def test_any_solid_may_have_named_properties():
+    """Those of maps with extra coordinates serve heat, too; without any, names are refused."""
+    rate, box = lambda x: 1.0 + 0.5 * x[:, 2], il.macroshape.box((1, 1, 2))
+    named = box.with_extra(rate=lambda u: 1.0 + u[:, 2])
+    domain, on_cube = Elasticity(Rated(), 2).domain, {"domain": CUBE, "conductivity": "rate"}
+    halves = {"phases": lambda u: u[:, 0] - 0.3}
+    for by_name, by_function in (
+        (Elasticity(Rated(), 2, young="rate"), Elasticity(Rated(), 2, young=rate)),
+        (Elasticity(domain, young="rate"), Elasticity(domain, young=rate)),
+        (
+            Elasticity(Rated(), 2, young="rate", **halves),
+            Elasticity(Rated(), 2, young=rate, **halves),
+        ),
+        (Heat(Rated(), 2, conductivity="rate"), Heat(Rated(), 2, conductivity=rate)),
+        (Heat(full, 2, through=named, **on_cube), Heat(Rated(), 2, conductivity=rate)),
+    ):
+        held = [p.clamp("w=0") if p.m == 3 else p.fix("w=0", 0.0) for p in (by_name, by_function)]
+        assert abs(held[0].matrix - held[1].matrix).max() < 1e-12
+    with pytest.raises(InputError, match="only walls, other solids with"):
+        Heat(full, 2, through=box, **on_cube)
 
 
 def test_heat_expands_freely_and_presses_when_hindered():
