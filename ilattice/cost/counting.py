@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
@@ -82,8 +83,6 @@ def necessary(k: CornerSharing) -> Necessary:
     Necessary
         Which hold. Where one fails the structure is not rigid; where all hold see `analysed`.
     """
-    from scipy.sparse.csgraph import connected_components
-
     n, e = len(k.positions), k.edges
     graph = csr_array((np.ones(len(e)), (e[:, 0], e[:, 1])), shape=(n, n))
     one = connected_components(graph, directed=False)[0] == 1

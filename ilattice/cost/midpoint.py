@@ -10,6 +10,8 @@ from io import StringIO
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order
 
 from ilattice._files import as_path
 from ilattice._typing import ArrayLike, FloatArray, IntArray
@@ -206,9 +208,6 @@ def two_coloured(layer: CornerSharing) -> IntArray:
     GeometryError
         If there is an odd cycle of simplices.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order
-
     vt, m = layer.incidence, len(layer.simplices)
     pairs = vt[vt[:, 1] >= 0]
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (m, m)).tocsr()

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
@@ -104,8 +105,6 @@ class Graded(Frozen):
         InputError
             If a value is beyond.
         """
-        from scipy.interpolate import PchipInterpolator
-
         t, at = as_array("values", values), np.asarray(self.at)
         lo, hi = at[0], at[-1]
         slack = 1e-9 * (hi - lo)

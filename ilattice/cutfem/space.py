@@ -20,6 +20,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from ilattice._geometry import cells_at, grid_points, within, wrapped
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
@@ -273,8 +274,6 @@ class SplineSpace(Frozen):
     @cached_property
     def _nearest(self) -> IntArray:
         """Position in `cells` of the nearest active cell of all cells, -1 if far away."""
-        from scipy.ndimage import distance_transform_edt
-
         active = np.full(self.grid.shape, -1, np.int64)
         active.ravel()[self.grid.home(self.cells)] = np.arange(len(self.cells))
         pad = [(1, 1) if closed else (0, 0) for closed in self.grid.closed]

@@ -23,6 +23,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import label
 
 from ilattice._memory import need
 from ilattice._progress import Progress
@@ -420,8 +421,6 @@ class _Run:
 
 def _going_on(cells: Labelled, grid: VoxelGrid) -> tuple[bool, bool, bool]:
     """Whether solid voxels go on through the cell along the axes, through their faces."""
-    from scipy.ndimage import label
-
     stiff = np.abs(grid.table).max(axis=1)
     used = np.bincount(cells.phase.ravel(), minlength=len(stiff)) > 0
     solid = (stiff > SOLID * stiff[used].max())[cells.phase]

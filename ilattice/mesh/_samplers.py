@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import BSpline as SciPyBSpline
 
 from ilattice._field import owns
 from ilattice._typing import AnyArray, FloatArray, IntArray
@@ -402,8 +403,6 @@ def _hull_of_layers(
 
 def _basis(s: BSpline, axis: int, x: FloatArray) -> tuple[FloatArray, IntArray]:
     """Basis functions (n, k + 1) at x and the index of the first of them."""
-    from scipy.interpolate import BSpline as SciPyBSpline
-
     t, k = s.t[axis], s.k[axis]
     matrix = SciPyBSpline.design_matrix(x, t, k)
     start = matrix.indices.reshape(len(x), k + 1)[:, 0].astype(np.int64)

@@ -19,6 +19,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from ilattice._field import Field
@@ -55,8 +56,6 @@ class Scattered(Field):
     tolerance = TOLERANCE
 
     def __init__(self, lattice: Tiling, p: FloatArray, v: FloatArray) -> None:
-        from scipy.interpolate import RBFInterpolator
-
         sizes = np.linalg.svd(p - p.mean(axis=0), compute_uv=False)
         flat = len(p) < 5 or not sizes[-1] > 1e-6 * sizes[0]
         self.lattice, self.ends = lattice, (float(v.min()), float(v.max()))

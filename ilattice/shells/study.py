@@ -17,6 +17,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
@@ -403,8 +404,6 @@ def hull_area(x: FloatArray, y: FloatArray) -> float:
     InputError
         If they are not two rows of numbers, as many of each.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     x, y = as_array("x", x, ndim=1), as_array("y", y, ndim=1)
     if len(x) != len(y):
         raise InputError(f"x and y must have as many numbers, got {len(x)} and {len(y)}")
