@@ -1,4 +1,4 @@
-"""Naive twins: slow, obvious versions of what the kernels compute."""
+"""Reference implementations: slow, obvious versions of what the kernels compute."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""Slow twins of the distance to meshes: extended precision, and an exact test of the inside."""
+"""Reference implementation of distances to meshes: extended precision, an exact inside."""
 
 from fractions import Fraction
 

@@ -1,4 +1,4 @@
-"""Naive twins of the catalogue: every equation typed with sines and cosines, and slow measures."""
+"""Reference implementation of the catalogue: equations in sines and cosines, and slow measures."""
 
 from itertools import permutations, product
 

@@ -56,8 +56,8 @@ def what_can_move_along_an_oblique_axis_is_not_held():
         return (u**2).sum(axis=1) - u.sum(axis=1) ** 2 / 3.0 - 0.36
 
     problem = Elasticity(rod, 4, domain=CUBE).clamp("surface", components="n")
-    assert dict(problem.free_motions) == {0: (2, 6)}  # along the axis and about it
-    refused(InputError, "2 of 6 motions", problem.check_held)
+    assert dict(problem.free_modes) == {0: (2, 6)}  # along the axis and about it
+    refused(InputError, "2 of 6 rigid-body modes", problem.check_held)
 
 
 def bodies_that_only_move_store_nothing():

@@ -111,12 +111,12 @@ def largest(
     return mu, x, residual
 
 
-def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float) -> Any:
+def _by_factor(A: Any, solver: Any, count: int, rigid: FloatArray, tol: float) -> Any:
     n = A.shape[0]
     K = LinearOperator((n, n), lambda v: solver.multiply(np.ravel(v)), dtype=float)
     inverse = LinearOperator((n, n), lambda v: solver.precondition(np.ravel(v)), dtype=float)
     rng = np.random.default_rng(0)
-    mu, x = _known(A, solver, motions, 1e-2 * tol)
+    mu, x = _known(A, solver, rigid, 1e-2 * tol)
     wanted = max(count - len(mu), 1)
     for _ in range(count + 2):  # each start but the last finds one of those that are missing
         rest = _without(A, mu, x)
@@ -145,9 +145,9 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
     )
 
 
-def _known(A: Any, solver: Any, motions: FloatArray, tol: float) -> tuple[FloatArray, Any]:
+def _known(A: Any, solver: Any, rigid: FloatArray, tol: float) -> tuple[FloatArray, Any]:
     """Those combinations of rigid-body modes that are eigenvectors, of unit x K x."""
-    x = orth(motions)
+    x = orth(rigid)
     if not x.shape[1]:
         return np.zeros(0), x
     mu, x = _combined(A, solver, x)

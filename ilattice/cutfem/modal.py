@@ -227,7 +227,7 @@ def natural_modes(
 
 def _of_frequencies(problem: Elasticity, method: str, mass: Any) -> tuple[Pencil, float]:
     """The stiffness of a problem, and the part of the mass that is added where it is free."""
-    if not problem.free_motions:
+    if not problem.free_modes:
         mine = pencil(problem, method)
         stiff = np.linalg.eigvalsh(mine.S) if len(mine.S) else np.ones(1)
         if stiff[0] > rigid.FREE * stiff[-1]:

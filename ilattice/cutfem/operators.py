@@ -366,7 +366,7 @@ class ElasticOperators(Problem):
             rise = values_at("temperature", value, asm.x(u), 1)[:, 0]
         return material.expansion.at(asm, u) * rise
 
-    def _motions(self, x: FloatArray) -> FloatArray:
+    def _rigid_modes(self, x: FloatArray) -> FloatArray:
         out = np.zeros((len(x), 3, 6))
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
@@ -378,7 +378,7 @@ class ElasticOperators(Problem):
     def _starts(self, x: FloatArray) -> FloatArray:
         """All that is linear where heat expands the solid: freely, it stores no energy."""
         if not any(f.kind == "temperature" for f in self.loads):
-            return self._motions(x)
+            return self._rigid_modes(x)
         out = np.zeros((len(x), 3, 12))
         for i in range(3):
             out[:, i, i] = 1.0

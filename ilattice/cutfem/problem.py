@@ -113,13 +113,13 @@ class Problem(Integrals):
             out[str(support.on)] = out.get(str(support.on), 0.0) + found
         return out
 
-    def _motions(self, x: FloatArray) -> FloatArray:
-        """Motions (n, m, k) without energy at points of space."""
+    def _rigid_modes(self, x: FloatArray) -> FloatArray:
+        """Rigid-body modes (n, m, k) at points of space; constants, of what does not turn."""
         return np.tile(np.eye(self.m), (len(x), 1, 1))
 
     def _starts(self, x: FloatArray) -> FloatArray:
         """Displacements (n, m, k) at which coarse solutions are looked for first."""
-        return self._motions(x)
+        return self._rigid_modes(x)
 
     @cached_property
     def system(self) -> System:
@@ -131,10 +131,10 @@ class Problem(Integrals):
         if con.values.any():
             f -= self._times(con.values)
         size = np.ptp(x, axis=0).max()
-        motions = self._motions((x - x.mean(axis=0)) / size)
-        motions = np.where(con.fixed[:, :, None], 0.0, motions)[con.nodes]
+        modes = self._rigid_modes((x - x.mean(axis=0)) / size)
+        modes = np.where(con.fixed[:, :, None], 0.0, modes)[con.nodes]
         return System(
-            self._reduced(), con.restrict(f).ravel(), motions.reshape(-1, motions.shape[2]),
+            self._reduced(), con.restrict(f).ravel(), modes.reshape(-1, modes.shape[2]),
             x[con.nodes], con,
         )  # fmt: skip
 
@@ -197,27 +197,27 @@ class Problem(Integrals):
             If there is no support, or a motion of a part without energy is free.
         """
         self._check_supports()
-        for part, (free, most) in self.free_motions.items():
+        for part, (free, most) in self.free_modes.items():
             raise InputError(
-                f"{free} of {most} motions of a rigid body are free, or nearly so, in "
+                f"{free} of {most} rigid-body modes are free, or nearly so, in "
                 f"{self.domain.parts.describe(np.array([part]))}; hold more components, or a place "
                 "that is not 1e4 times smaller than the part"
             )
 
     @cached_property
-    def free_motions(self) -> FixedMapping[int, tuple[int, int]]:
-        """Parts of which motions are free: how many, and how many there are."""
+    def free_modes(self) -> FixedMapping[int, tuple[int, int]]:
+        """Parts with free rigid-body modes: how many, and how many there are."""
         out = {}
         for part in self.parts[0]:
-            gram = self._held_motions(int(part))
+            gram = self._held_modes(int(part))
             values = np.linalg.eigvalsh(gram / max(np.trace(gram), 1e-300))
             free = int((values < FREE).sum())
             if free:
                 out[int(part)] = free, len(values)
         return FixedMapping(out)
 
-    def _held_motions(self, part: int) -> FloatArray:
-        """Products (k, k) of the motions of one part in what is held, in units of its size."""
+    def _held_modes(self, part: int) -> FloatArray:
+        """Products (k, k) of rigid-body modes of a part in what is held, in units of its size."""
         asm, parts = self.assembly, self.domain.parts
         mine = np.searchsorted(asm.space.cells, parts.cells[parts.labels == part])
         near = np.zeros(len(asm.space), bool)
@@ -225,7 +225,7 @@ class Problem(Integrals):
         nodes = np.flatnonzero(near)
         x = asm.coordinates
         centre, size = x[nodes].mean(axis=0), np.ptp(x[nodes], axis=0).max()
-        held = self._motions((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]
+        held = self._rigid_modes((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]
         gram = held.T @ held
         for s in self.weakly_imposed:
             rule = self.domain.edge(asm, s.on)
@@ -234,7 +234,7 @@ class Problem(Integrals):
             mask = np.broadcast_to(s.mask, (len(x), self.m)) if isinstance(s, Support) else (
                 stiffness_at(self.spring_name, s.stiffness, x, self.m) > 0
             )  # fmt: skip
-            at = self._motions((x - centre) / size)
+            at = self._rigid_modes((x - centre) / size)
             if isinstance(s, Support) and s.normal:
                 assert rule.normals is not None
                 at = np.einsum("qi,qik->qk", rule.normals[inside], at)

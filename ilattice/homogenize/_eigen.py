@@ -31,8 +31,8 @@ Vectors = NDArray[np.complex128]
 Map = Callable[[Vectors], Vectors]
 
 #: Vectors beyond those asked for, random ones where a basis is not enough, residual of the former
-#: that will do.
-GUARD, RANDOM, SETTLED = 4, 2, 3e-2
+#: with which they have converged.
+GUARD, RANDOM, CONVERGED = 4, 2, 3e-2
 #: Vectors that are found beside a basis, in blocks, from which on they are cut down to so many.
 MAX_VECTORS, KEPT = 16, 3
 #: Directions below this part of the others, squared, are no new ones.
@@ -139,7 +139,7 @@ def lowest(
     """
     block = count + GUARD
     space = _Space(pencil.K, pencil.mass, basis, reduced)
-    wanted = np.where(np.arange(block) < count, tol, SETTLED)
+    wanted = np.where(np.arange(block) < count, tol, CONVERGED)
     if len(basis) < block:
         space.add(noise)
     measure = _Measure(pencil, count)
@@ -206,7 +206,7 @@ class _Measure:
     def moved(self) -> bool:
         """Whether values made another preconditioner: those that are settled by this one."""
         values, energy = (v[: self.count] for v in self.last)
-        if len(values) < self.count or (energy > SETTLED**2 * values).any():
+        if len(values) < self.count or (energy > CONVERGED**2 * values).any():
             return False
         before, self.shift = self.shift, self.pencil.shift(float(values[-1]))
         return self.shift != before

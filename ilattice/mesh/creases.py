@@ -78,7 +78,7 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     A, b = _equations(x, at, raw.kind, around, foot, normal)
     held = fixed_coordinates(raw.kind[at])
     wide, tight = (
-        _settled(
+        _projected(
             field, _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)), x[at], held, axes,
             beyond,
         )
@@ -274,7 +274,7 @@ def _kept(field: Any, old: FloatArray, new: FloatArray) -> FloatArray:
     return out
 
 
-def _settled(
+def _projected(
     field: Any, new: FloatArray, old: FloatArray, held: AnyArray, axes: Any, beyond: float
 ) -> FloatArray:
     """`new`, moved onto the surface by Newton's steps; `old` where that is no nearer to it.

@@ -44,7 +44,7 @@ from ilattice.offsets import _kernels_newton
 from ilattice.offsets._kernels_patches import DISTANCE, IMAGE, MULTIPLIER
 from ilattice.offsets.feet import ClosestPoints, Statistics
 from ilattice.offsets.mending import mended, started
-from ilattice.offsets.retrying import doubtful, retried, singly
+from ilattice.offsets.retrying import retried, singly, unresolved
 from ilattice.offsets.seeded import AMONG_ADDED, MAX_ROWS, SeededSpace
 from ilattice.offsets.struts import onto_struts, struts_of
 
@@ -215,7 +215,7 @@ class ClosestPointSearch(SeededSpace):
             status == _kernels_newton.OK
         )
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE])
-        again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
+        again = np.flatnonzero(behind | missed | unresolved(self, p, distance, idx, feet, status))
         retried(self, again, x, p, feet, counts, status)
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE])
         at = np.flatnonzero(missed | (status >= _kernels_newton.FALLBACK))[:MAX_ALONE]

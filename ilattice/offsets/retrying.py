@@ -143,7 +143,7 @@ def singly(search: SeededSpace, x: FloatArray, p: FloatArray, count: int) -> Flo
     return out
 
 
-def doubtful(
+def unresolved(
     search: SeededSpace, p: FloatArray, distance: FloatArray, near: IntArray,
     feet: FloatArray, status: IntArray,
 ) -> AnyArray:  # fmt: skip

@@ -55,7 +55,7 @@ LARGE = 5e6  # vertices above which edges stay chamfered
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
-SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges stay chamfered
+WITHIN = 90.0  # percent of the triangles that keep the tolerance: some edges stay chamfered
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,4 +415,4 @@ def _chord_error(part: Plan, found: SurfaceMesh) -> float:
         return 0.0
     f, g = part.inner.jet(middle[inner], order=1)
     steep = np.maximum(np.linalg.norm(g, axis=1), 1e-300)
-    return float(np.percentile(np.abs(f) / steep, SETTLED))
+    return float(np.percentile(np.abs(f) / steep, WITHIN))

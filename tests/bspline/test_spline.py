@@ -1,4 +1,4 @@
-"""`BSpline` against scipy and the naive twins."""
+"""`BSpline` against scipy and the reference implementations."""
 
 from itertools import combinations_with_replacement
 

@@ -1,4 +1,4 @@
-"""Sparse matrices: the naive twins of their kernels, identities, the same bits for any threads."""
+"""Sparse matrices: reference implementations, identities, the same bits for any threads."""
 
 import itertools
 
@@ -77,7 +77,7 @@ def naive_basis(asm, rule):
 
 
 @pytest.mark.parametrize("p", [1, 2, 3])
-def test_cell_matrices_are_those_of_the_naive_twin(p):
+def test_cell_matrices_are_those_of_the_reference_implementation(p):
     bent = il.macroshape.torus(major=3.0, width=1.0)
     _, rule, asm = made(p, (4, 3, 3), bent)
     N, g, det = naive_basis(asm, rule)
@@ -125,7 +125,7 @@ def corner(u):
 @pytest.mark.parametrize(("p", "r"), KINDS)
 @pytest.mark.filterwarnings("ignore:the volume of the field")
 @pytest.mark.parametrize("enough", [1.0, 0.2])
-def test_ghost_penalty_is_that_of_the_naive_twin(p, r, enough):
+def test_ghost_penalty_is_that_of_the_reference_implementation(p, r, enough):
     axes = (np.array([0, 0.3, 0.6, 1.0]), np.linspace(0, 1, 4), np.array([0, 0.2, 0.7, 1.0]))
     cut = il.cutfem.cut(corner, il.cutfem.Grid(axes), degree=2)
     rule = cut.volume(2)
@@ -330,7 +330,7 @@ def test_maps_are_affine_only_if_their_jacobian_is_constant():
     assert constant_jacobian(il.macroshape.torus(major=3.0, width=1.0)) is None
 
 
-def test_surface_matrices_are_those_of_the_naive_twin():
+def test_surface_matrices_are_those_of_the_reference_implementation():
     from ilattice.cutfem import Elasticity, Heat, weak
 
     bent = il.macroshape.torus(major=3.0, width=1.0)

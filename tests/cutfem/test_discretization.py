@@ -118,7 +118,7 @@ def test_the_coarse_approximation_is_the_best_one(p):
 
     energy = u @ K @ u
     diagonal = full.diagonal().reshape(c.shape)
-    found = relative_error(P, multiply, problem._motions, diagonal, c, con.fixed, energy)
+    found = relative_error(P, multiply, problem._rigid_modes, diagonal, c, con.fixed, energy)
     assert 0.999 * exact < 1.5 * found * energy < 1.2 * exact  # of one level alone: over 1.5
 
 
@@ -221,7 +221,7 @@ def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
 
     coarse = Levels(problem.assembly.space, problem.assembly.nodes_of)
     diagonal = full.diagonal().reshape(c.shape)
-    rest = relative_error(coarse, multiply, problem._motions, diagonal, c, con.fixed, energy)
+    rest = relative_error(coarse, multiply, problem._rigid_modes, diagonal, c, con.fixed, energy)
     known = of_work(rest + jumps / energy)
     np.testing.assert_allclose(report.discretization_error, known, rtol=1e-4)
 

@@ -257,7 +257,7 @@ def test_reflections_and_permutations_change_nothing(degree):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_naive_twin_agrees(seed):
+def test_the_reference_implementation_agrees(seed):
     for fields in (random_pair(seed, 2, 1), random_pair(seed, 3, 1), random_pair(seed, 2, 2)):
         lipschitz = 3 * max(np.abs(np.diff(s.c, axis=a)).max() for s in fields for a in range(3))
 
@@ -270,7 +270,7 @@ def test_the_naive_twin_agrees(seed):
         assert s == pytest.approx(expected[1], rel=1e-3 if len(fields) == 1 else 0.02)
 
 
-def test_the_naive_twin_knows_the_ball():
+def test_the_reference_implementation_knows_the_ball():
     np.testing.assert_allclose(naive.richardson(ball, *BOX, 5, 2.0), (V, S), rtol=2e-4)
 
 

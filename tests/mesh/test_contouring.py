@@ -72,7 +72,7 @@ def assert_closed(faces, n_vertices):
 
 @pytest.mark.parametrize("slab", [1, 10**6])
 @pytest.mark.parametrize("wrap", [(0, 0, 0), (1, 0, 0), (0, 1, 1), (1, 1, 1)])
-def test_random_signs_agree_with_the_naive_twin(monkeypatch, slab, wrap):
+def test_random_signs_agree_with_the_reference_implementation(monkeypatch, slab, wrap):
     monkeypatch.setattr(_tracer, "SLAB", slab)
     rng = np.random.default_rng(sum(wrap) + slab)
     for n in (4, 9, 11):

@@ -1,4 +1,4 @@
-"""`SurfaceMesh` against shapes with known measures, naive twins and trimesh."""
+"""`SurfaceMesh` against shapes with known measures, reference implementations and trimesh."""
 
 import pickle
 
@@ -18,7 +18,7 @@ def mesh_of(*parts):
     return SurfaceMesh(*meshes.joined(*parts))
 
 
-# --- naive twins ------------------------------------------------------------------------------
+# --- reference implementations ----------------------------------------------------------------
 
 
 def naive_edges(faces):
@@ -87,7 +87,7 @@ def triangle_soups(draw):
 
 
 @given(triangle_soups())
-def test_topology_equals_its_naive_twin(soup):
+def test_topology_equals_its_reference_implementation(soup):
     n, faces = soup
     fast, naive = measure.topology(faces, n), naive_topology(faces)
     assert fast[:-1] == naive[:-1]
@@ -172,7 +172,7 @@ def test_inward_faces_have_negative_volume():
     assert SurfaceMesh(vertices, faces[:, ::-1]).volume == pytest.approx(-1.0)
 
 
-def test_quality_equals_its_naive_twin():
+def test_quality_equals_its_reference_implementation():
     rng = np.random.default_rng(1)
     vertices, faces = rng.normal(size=(50, 3)), np.arange(48).reshape(16, 3)
     mesh = SurfaceMesh(vertices, faces)

@@ -26,7 +26,7 @@ def full(h):
 
 
 class Problem:
-    """A lattice with its kernels as functions of a tile coordinate, and their naive twins."""
+    """A lattice with kernels as functions of a tile coordinate, and reference implementations."""
 
     def __init__(self, tile, through, repeat):
         lattice = il.Lattice(tile, through=through, repeat=repeat)
@@ -52,7 +52,7 @@ class Problem:
         return newton.kkt_step(m, t, tuple(m[:, 0] - x), lam, first, fixed, floor)
 
     def lagrangian(self, p, x, lam):
-        """1/2 |T(p) - x|² + lambda I(p) by the naive twins."""
+        """1/2 |T(p) - x|² + lambda I(p) by the reference implementations."""
         p = np.atleast_2d(p)
         r = self.naive.jet(p, 0)[0] - x
         return 0.5 * (r * r).sum(axis=1) + lam * tile_jet(self.name, p)[0]

@@ -49,7 +49,7 @@ def grid_of(name, n, cells=1):
     return FIELDS[name].grid((a, a, a)) - row(name).level
 
 
-def test_the_naive_twin_knows_the_same_surfaces():
+def test_the_reference_implementation_knows_the_same_surfaces():
     assert sorted(naive.EQUATIONS) == NAMES
     assert len(NAMES) == len(ROWS) >= 27 + 8 + 5
 
