@@ -115,13 +115,20 @@ def benchmarks() -> str:
 def formats() -> str:
     """Tables of what is written and read, from the registry of formats."""
     lines = ["## Written", "", "| what | ending | for |", "|---|---|---|"]
-    for kind, writers in sorted(registry.WRITERS.items()):
-        for ending in sorted(writers):
-            meaning = "layers of a print" if (kind, ending) == ("SliceStack", ".3mf") else ""
-            lines.append(f"| `{kind}` | `{ending}` | {meaning or MEANINGS[ending]} |")
+    for name, kind in sorted(saved().items()):
+        for ending in sorted(registry.WRITERS[kind]):
+            meaning = "layers of a print" if (kind, ending) == ("slices", ".3mf") else ""
+            lines.append(f"| `{name}` | `{ending}` | {meaning or MEANINGS[ending]} |")
     lines += ["", "## Read as meshes", "", "| ending | for |", "|---|---|"]
     lines += [f"| `{ending}` | {MEANINGS[ending]} |" for ending in sorted(registry.READERS)]
     return "\n".join([*lines, ""])
+
+
+def saved() -> dict[str, str]:
+    """Names of public classes that declare their kind for files, and that kind."""
+    classes = (getattr(getattr(il, r), name) for r in ROOMS for name in exported(r))
+    kinds = {c.__name__: vars(c).get("file_kind") for c in classes if inspect.isclass(c)}
+    return {name: kind for name, kind in kinds.items() if kind}
 
 
 def commands() -> str:

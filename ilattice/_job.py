@@ -173,7 +173,7 @@ def build(
     reports = [report] if report else []
     check_outputs([*output, *reports])
     check_distinct({"--through": _files(through), "-o": output, "--report": reports})
-    check_endings(output, "SurfaceMesh")
+    check_endings(output, "mesh")
     d = half_thickness(thickness)
     h = None if h is None else as_positive("h", h)
     for name in tile.split(","):
@@ -262,7 +262,7 @@ def slices(
     """
     check_outputs(output)
     check_distinct({"--through": _files(through), "-o": output})
-    check_endings(output, "SliceStack")
+    check_endings(output, "slices")
     d = half_thickness(thickness)
     layer, h = as_positive("layer", layer), None if h is None else as_positive("h", h)
     space = volume(through)
@@ -359,7 +359,7 @@ def check_endings(paths: Sequence[str | os.PathLike[str]], kind: str) -> None:
     paths : sequence of path-like
         Files that will be written.
     kind : str
-        Type of what they will hold, such as ``"SurfaceMesh"``.
+        Kind of what they will hold, such as ``"mesh"``; see `ilattice.io.save`.
 
     Raises
     ------

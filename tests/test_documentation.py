@@ -150,7 +150,8 @@ def test_the_table_of_benchmarks_has_all_of_them(pages):
 
 def test_the_table_of_formats_has_all_of_them(pages):
     table = pages.formats()
-    assert table.count("\n| `SurfaceMesh` |") == len(registry.WRITERS["SurfaceMesh"])
+    assert table.count("\n| `SurfaceMesh` |") == len(registry.WRITERS["mesh"])
+    assert sorted(pages.saved().values()) == sorted(registry.WRITERS)  # one class for each
     written, read = table.split("## Read as meshes")
     for endings, part in [
         *((e, written) for e in registry.WRITERS.values()),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class BSpline(Field):
     Knots, coefficients and degree are named and laid out as in `scipy.interpolate.NdBSpline`.
     """
 
+    file_kind: ClassVar[str] = "spline"
     t: tuple[FloatArray, ...]
     c: FloatArray
     k: tuple[int, ...]

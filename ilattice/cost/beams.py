@@ -15,7 +15,7 @@ import os
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -63,6 +63,7 @@ class Beams(Union):
         Radii at the ends of each.
     """
 
+    file_kind: ClassVar[str] = "beams"
     vertices: FloatArray
     pairs: IntArray
     radii: FloatArray

@@ -62,7 +62,7 @@ def run(
     dict
         The report.
     """
-    known = {*WRITERS["Beams"], *WRITERS["SurfaceMesh"], ".cli", ".svg"}
+    known = {*WRITERS["beams"], *WRITERS["mesh"], ".cli", ".svg"}
     files = [*output] if report is None else [*output, report]
     check_outputs(files)
     check_distinct({"-o": output, "--report": [] if report is None else [report]})
@@ -112,7 +112,7 @@ def _structure(resolution: int, cells: int, through: Any) -> CornerSharing:
 
 def _write(beams: Any, file: Any, h: float | None, thickness: float | None, progress: Any) -> None:
     ending = PurePath(file).suffix.lower()
-    if ending in WRITERS["Beams"]:
+    if ending in WRITERS["beams"]:
         beams.save(file)
     elif ending in (".cli", ".svg"):
         low, high = beams.bounds[:, 2]

@@ -15,7 +15,7 @@ beams to 3 % in the middle of the beam only; that pipes of sharp corners do not 
 import os
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -68,6 +68,7 @@ class Pipes(Frozen):
         0.
     """
 
+    file_kind: ClassVar[str] = "patches"
     quads: FloatArray
     triangles: FloatArray
 

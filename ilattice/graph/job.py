@@ -73,7 +73,7 @@ def run(
     check_outputs(output)
     check_distinct({"-o": output})
     endings = [PurePath(as_path("-o", f)).suffix.lower() for f in output]
-    meshes = tuple(WRITERS["SurfaceMesh"])
+    meshes = tuple(WRITERS["mesh"])
     known = {
         "run": (*meshes, ".vti", ".json"), "plot": PICTURES, "validate": (), "explore": (".csv",),
     }[action]  # fmt: skip

@@ -109,7 +109,7 @@ def homogenize(
     check_outputs(outputs)
     check_distinct({**given, "--voxels": [] if voxels is None else [voxels]})
     if sphere is not None:
-        _check_ending("--sphere", sphere, tuple(WRITERS["SurfaceMesh"]))
+        _check_ending("--sphere", sphere, tuple(WRITERS["mesh"]))
     stages = Stages()
     with stages("solve"):
         if voxels is not None:

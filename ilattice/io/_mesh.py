@@ -6,7 +6,7 @@ Guarantee: nothing here copies a whole mesh; writers go through it block by bloc
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import IO, Protocol, runtime_checkable
+from typing import IO, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -85,6 +85,7 @@ class MeshArrays(Frozen):
         Named data on vertices and faces.
     """
 
+    file_kind: ClassVar[str] = "mesh"
     vertices: AnyArray
     faces: AnyArray
     point_data: Mapping[str, AnyArray] = field(default_factory=dict)
@@ -101,16 +102,33 @@ def blocks(count: int, size: int = BLOCK) -> Iterator[slice]:
         yield slice(lo, min(count, lo + size))
 
 
-def check_not_empty(mesh: Triangles) -> None:
-    """Refuse to write a mesh without triangles: no reader takes it.
+def check_mesh(mesh: Triangles) -> None:
+    """Refuse to write what is no mesh, or one without triangles, which no reader takes.
 
     Raises
     ------
+    InputError
+        If vertices or faces are no arrays as they should be, or faces name no vertices.
     GeometryError
-        If there are none.
+        If there are no triangles.
     """
-    if len(mesh.faces) == 0:
+    x, corners = mesh.vertices, mesh.faces
+    for name, a, kinds, told in (
+        ("vertices", x, "f", "reals"),
+        ("faces", corners, "iu", "integers"),
+    ):
+        if (
+            not isinstance(a, np.ndarray)
+            or a.ndim != 2
+            or a.shape[1] != 3
+            or a.dtype.kind not in kinds
+        ):
+            raise InputError(f"{name} must be an array (n, 3) of {told}, got {a!r:.80}")
+    if len(corners) == 0:
         raise GeometryError("the mesh has no triangles: nothing to write")
+    least, most = int(corners.min()), int(corners.max())
+    if least < 0 or most >= len(x):
+        raise InputError(f"faces must name vertices from 0 to {len(x) - 1}, got {least} to {most}")
 
 
 def check_single(

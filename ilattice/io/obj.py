@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from ilattice._files import atomic_write, read_text
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError
-from ilattice.io._mesh import TEXT_BLOCK, MeshArrays, Triangles, blocks, check_not_empty, colours
+from ilattice.io._mesh import TEXT_BLOCK, MeshArrays, Triangles, blocks, check_mesh, colours
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.io._scanner import blank_comments
 
@@ -36,7 +36,7 @@ def write_obj(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     FormatError
         If the file cannot be written.
     """
-    check_not_empty(mesh)
+    check_mesh(mesh)
     with atomic_write(path, text=True) as file:
         file.write("# written by ilattice\n")
         for rows in blocks(len(mesh.vertices), TEXT_BLOCK):

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from ilattice._files import atomic_write, read_text
 from ilattice.errors import FormatError
-from ilattice.io._mesh import TEXT_BLOCK, MeshArrays, Triangles, blocks, check_not_empty
+from ilattice.io._mesh import TEXT_BLOCK, MeshArrays, Triangles, blocks, check_mesh
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.io._scanner import blank_comments
 from ilattice.io.obj import point_lines
@@ -36,7 +36,7 @@ def write_off(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     FormatError
         If the file cannot be written.
     """
-    check_not_empty(mesh)
+    check_mesh(mesh)
     with atomic_write(path, text=True) as file:
         file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
         for rows in blocks(len(mesh.vertices), TEXT_BLOCK):

@@ -17,7 +17,7 @@ from ilattice.errors import FormatError, InputError
 from ilattice.io._mesh import (
     Triangles,
     blocks,
-    check_not_empty,
+    check_mesh,
     check_single,
     colours,
     without_colours,
@@ -60,7 +60,7 @@ def write_ply(
     FormatError
         If the file cannot be written.
     """
-    check_not_empty(mesh)
+    check_mesh(mesh)
     vertex = VertexRecords(mesh.vertices, mesh.point_data, precision)
     face = FaceRecords(mesh.cell_data, precision)
     with atomic_write(path) as file:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._files import atomic_write
-from ilattice.io._mesh import Triangles, check_not_empty
+from ilattice.io._mesh import Triangles, check_mesh
 from ilattice.plot import Scene
 from ilattice.plot.overlays import png
 from ilattice.plot.quick import split
@@ -49,7 +49,7 @@ def write_png(
     FormatError
         If the file cannot be written.
     """
-    check_not_empty(mesh)
+    check_mesh(mesh)
     of_scene, of_layer, _ = split(options)
     scene = Scene(**of_scene).add(to_pyvista(mesh), scalars=scalars, **of_layer)
     picture = png((scene if clip is None else scene.clipped(clip)).image())

@@ -1,4 +1,4 @@
-"""Which function writes or reads what: by the type of the object and the ending of the file name.
+"""Which function writes or reads what: by the kind of the object and the ending of the file name.
 
 Guarantees: an unknown ending or option is refused before anything is written; the message lists
 what is known. Modules of formats are loaded when they are first used.
@@ -12,13 +12,14 @@ from typing import Any
 
 from ilattice._files import as_path
 from ilattice.errors import FormatError, InputError
+from ilattice.io._kinds import kind_of
 from ilattice.io._mesh import MeshArrays
 
 _SPLINE = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")
 
-#: Type name -> ending -> "module:function" below `ilattice.io`. A writer takes (object, path).
+#: Kind -> ending -> "module:function" below `ilattice.io`. A writer takes (object, path).
 WRITERS: dict[str, dict[str, str]] = {
-    "SurfaceMesh": {
+    "mesh": {
         ".stl": "stl:write_stl",
         ".ply": "ply:write_ply",
         ".obj": "obj:write_obj",
@@ -27,19 +28,19 @@ WRITERS: dict[str, dict[str, str]] = {
         ".vtp": "vtk:write_vtp",
         ".png": "png:write_png",
     },
-    "SplineMap": {".vtu": "vtk:save_bezier_vtu", **_SPLINE},
-    "BSpline": _SPLINE,
-    "Beams": {
+    "map": {".vtu": "vtk:save_bezier_vtu", **_SPLINE},
+    "spline": _SPLINE,
+    "beams": {
         ".3mf": "threemf_beams:write_3mf_beams",
         ".vtp": "vtk_lines:write_vtp_lines",
         ".vtu": "vtk_lines:write_vtu_lines",
     },
-    "SolidMesh": {".inp": "solids:write_inp", ".vtu": "solids:write_vtu_solid"},
-    "Pipes": {
+    "elements": {".inp": "solids:write_inp", ".vtu": "solids:write_vtu_solid"},
+    "patches": {
         ".vtu": "patches_out:write_vtu_patches",
         ".itd": "patches_out:write_irit_patches",
     },
-    "SliceStack": {
+    "slices": {
         ".cli": "common_layer:write_cli",
         ".svg": "svg:write_svg",
         ".3mf": "threemf_slices:write_3mf_slices",
@@ -62,8 +63,8 @@ def save(
 
     Parameters
     ----------
-    obj : SurfaceMesh, SolidMesh, SplineMap, BSpline, Beams, Pipes or SliceStack
-        What to write.
+    obj : SurfaceMesh, SolidMesh, SplineMap, BSpline, Beams, Pipes, SliceStack or another
+        What to write; see below for what others need.
     path : path-like
         File to create; an old one is replaced as a whole or left alone.
     format : str, optional
@@ -77,6 +78,21 @@ def save(
         An object that has no file format, or an option that the format does not have.
     FormatError
         Unknown ending, or the file cannot be written.
+
+    Notes
+    -----
+    A class, also one of yours, says by its attribute ``file_kind`` what its objects are to
+    writers, which ask for no more than these attributes:
+
+    ============  ============================================================================
+    ``mesh``      arrays ``vertices`` (V, 3), ``faces`` (F, 3); ``point_data``, ``cell_data``
+    ``elements``  all that an `ilattice.mesh.SolidMesh` has
+    ``map``       ``spline``, a `BSpline` of three parameters, and ``names`` of further components
+    ``spline``    all that a `BSpline` has
+    ``beams``     arrays ``vertices`` (n, 3), ``pairs`` (e, 2), ``radii`` (e, 2)
+    ``patches``   arrays ``quads`` (q, 3, 3, 3), ``triangles`` (t, 6, 3)
+    ``slices``    all that an `ilattice.slicing.SliceStack` has
+    ============  ============================================================================
     """
     writer = writer_of(obj, path, format)
     _check_options(writer, options, path)
@@ -155,8 +171,10 @@ def writer_of(
     """
     formats = _formats(obj)
     if not formats:
+        declared = f"has the file_kind {kind_of(obj)!r}" if kind_of(obj) else "has no file_kind"
         raise InputError(
-            f"a {type(obj).__name__} cannot be saved; {', '.join(sorted(WRITERS))} can be"
+            f"a {type(obj).__name__} cannot be saved: its class {declared}; "
+            f"what can be is one of {', '.join(sorted(WRITERS))}"
         )
     suffix = _suffix(path, format)
     if suffix.lower() not in formats:
@@ -178,10 +196,8 @@ def _suffix(path: str | os.PathLike[str], format: str | None) -> str:
 
 
 def _formats(obj: Any) -> dict[str, str]:
-    for kind in type(obj).__mro__:
-        if kind.__name__ in WRITERS:
-            return WRITERS[kind.__name__]
-    return {}
+    """Endings and writers of the kind of an object."""
+    return WRITERS.get(kind_of(obj), {})
 
 
 def _check_options(

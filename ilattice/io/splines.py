@@ -32,6 +32,7 @@ from ilattice._validate import near_names
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io import gismo, irit, mfem, native
+from ilattice.io._kinds import kind_of
 from ilattice.io._patches import Patch
 
 __all__ = ["FORMATS", "Patch", "SplineFormat", "list_patches", "read_patch", "read_patches", "save"]
@@ -161,9 +162,10 @@ def save(obj: Any, path: str | os.PathLike[str]) -> None:
     FormatError
         If the ending is unknown, or the file cannot be written.
     """
-    if isinstance(obj, BSpline):
+    kind = kind_of(obj)
+    if kind == "spline":
         _format_of(path).write(obj, path, ())
-    elif any(kind.__name__ == "SplineMap" for kind in type(obj).__mro__):
+    elif kind == "map":
         _format_of(path).write(obj.spline, path, obj.names)
     else:
         raise InputError(f"obj must be a SplineMap or a BSpline, got {type(obj).__name__}")

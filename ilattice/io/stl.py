@@ -20,7 +20,7 @@ from ilattice.io._mesh import (
     MeshArrays,
     Triangles,
     blocks,
-    check_not_empty,
+    check_mesh,
     check_single,
     warn_collapsed,
     warn_rounded,
@@ -54,7 +54,7 @@ def write_stl(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     FormatError
         If the file cannot be written, or single precision does not hold the coordinates.
     """
-    check_not_empty(mesh)
+    check_mesh(mesh)
     check_single(mesh.vertices, "STL")
     lost = 0
     with atomic_write(path) as file:

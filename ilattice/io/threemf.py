@@ -22,7 +22,7 @@ from ilattice.errors import FormatError, InputError
 from ilattice.io._mesh import (
     Triangles,
     blocks,
-    check_not_empty,
+    check_mesh,
     check_single,
     collapsed,
     colours,
@@ -67,12 +67,12 @@ def write_3mf(mesh: Triangles, path: str | os.PathLike[str], *, unit: str = "mil
         If lib3mf is missing or refuses the mesh, or the file cannot be written, or holds no
         coordinates of this size.
     """
-    check_not_empty(mesh)
+    check_mesh(mesh)
     check_single(mesh.vertices, "3MF", *_SIZES)
     if unit not in UNITS:
         raise InputError(f"unit {unit!r} is unknown; choose {near_names(str(unit), [*UNITS], 6)}")
     lib3mf = _library()
-    vertices = mesh.vertices.astype(np.float32)
+    vertices = mesh.vertices.astype(np.float32, order="C")
     try:
         model = _model(lib3mf, mesh, vertices, unit)
     except lib3mf.ELib3MFException as e:

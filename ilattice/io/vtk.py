@@ -19,10 +19,11 @@ import numpy as np
 from ilattice._files import as_path, atomic_path
 from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, ArrayLike, Map
-from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
+from ilattice._validate import as_array, as_choice, as_flag, as_items, as_points
 from ilattice._vtk import quiet_vtk
 from ilattice.errors import FormatError, InputError
-from ilattice.io._mesh import Triangles, check_not_empty, colours
+from ilattice.io._kinds import kind_of
+from ilattice.io._mesh import Triangles, check_mesh, colours
 from ilattice.io.bezier_cells import bezier_nodes
 
 #: Cell type of VTK.
@@ -38,8 +39,8 @@ _CELLS: dict[int, int | None] = {
     14: 5, 21: 3, 22: 6, 23: 8, 24: 10, 25: 20, 26: 15, 27: 13, 28: 9, 29: 27,
     **dict.fromkeys(range(68, 82)),
 }  # fmt: skip
-#: Stand-ins for the types that VTK does not have.
 _ROOM = 1 << 20  # bytes that a disk lacks if it is full
+#: What numbers are written as whose types VTK does not have.
 _KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.float32)}
 
 
@@ -67,7 +68,7 @@ def write_vtp(mesh: Triangles, path: str | os.PathLike[str], *, compress: bool =
     """
     from vtkmodules.vtkCommonDataModel import vtkPolyData
 
-    check_not_empty(mesh)
+    check_mesh(mesh)
     surface = vtkPolyData()
     surface.SetPoints(_points(mesh.vertices))
     surface.SetPolys(_cells(mesh.faces, len(mesh.vertices)))
@@ -107,7 +108,8 @@ def save_bezier_vtu(volume: Any, path: str | os.PathLike[str], *, compress: bool
     ``RationalWeights``; the cell attribute ``HigherOrderDegrees`` allows different degrees per
     direction. In ParaView raise "Nonlinear Subdivision Level" to see the curvature.
     """
-    as_kind("volume", volume, "SplineMap")
+    if kind_of(volume) != "map":
+        raise InputError(f"volume must be a SplineMap, got {volume!r:.80}")
     nodes = bezier_nodes(volume.spline.to_bezier())
     extra = nodes.values[:, 3:]
     names = list(volume.names) or [f"x{i + 3}" for i in range(extra.shape[1])]

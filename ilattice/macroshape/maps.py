@@ -11,7 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -66,6 +66,7 @@ class SplineMap(Frozen):
         If the spline is no volume in space, or the names do not match its components.
     """
 
+    file_kind: ClassVar[str] = "map"
     spline: BSpline
     names: tuple[str, ...] = ()
 

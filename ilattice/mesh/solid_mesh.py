@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -66,6 +66,7 @@ class SolidMesh(Frozen):
         Nodes of regions; see `with_regions`.
     """
 
+    file_kind: ClassVar[str] = "elements"
     points: FloatArray
     cells: IntArray
     error: float = 0.0

@@ -7,7 +7,7 @@ Not guaranteed: closedness and freedom from self-intersections; ask `is_watertig
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -54,6 +54,8 @@ class SurfaceMesh(TriangleMesh):
     InputError
         Wrong shapes, coordinates that are not finite, corners that do not exist or are repeated.
     """
+
+    file_kind: ClassVar[str] = "mesh"
 
     @classmethod
     def load(cls, path: "str | os.PathLike[str]", *, format: str | None = None) -> "SurfaceMesh":

@@ -86,7 +86,7 @@ class Settings(Shown):
             raise InputError("--table is for the rows of a sweep: give --set as well")
         if found.spacing is not None and found.tol is not None:
             raise InputError("give either -s, a spacing, or --tol, a tolerance")
-        kind = "SurfaceMesh" if found.slices is None else "SliceStack"
+        kind = "mesh" if found.slices is None else "slices"
         if output.suffix.lower() not in WRITERS[kind]:
             known = ", ".join(sorted(WRITERS[kind]))
             raise FormatError(f"output {str(output)!r} has none of the endings {known}")

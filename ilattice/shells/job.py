@@ -70,7 +70,7 @@ def shell(
     """
     if density is not None and thickness is not None:
         raise InputError("give either --density or --thickness")
-    known = tuple(WRITERS["SurfaceMesh"])
+    known = tuple(WRITERS["mesh"])
     for file in output:
         if PurePath(file).suffix.lower() not in known:
             raise FormatError(

@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, overload
 
 import numpy as np
 
@@ -237,6 +237,7 @@ class SliceStack(Frozen):
         that the slice there is what the part ends with.
     """
 
+    file_kind: ClassVar[str] = "slices"
     part: OffsetSolid | ClosedMesh | Node
     heights: FloatArray
     tops: FloatArray

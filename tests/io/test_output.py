@@ -274,13 +274,17 @@ def test_3mf_refuses_unknown_units(ring, tmp_path):
 # --- the registry -----------------------------------------------------------------------------
 
 
+def of_kind(kind, name="Thing", **attributes):
+    """A class that declares what it is to writers."""
+    return type(name, (), {"file_kind": kind, **attributes})
+
+
 def test_every_ending_of_the_registry_has_a_writer():
-    for formats in registry.WRITERS.values():
+    for kind, formats in registry.WRITERS.items():
         for ending in formats:
-            kind = type(next(k for k, v in registry.WRITERS.items() if v is formats), (), {})
-            assert callable(io.registry.writer_of(kind(), f"a{ending}"))
+            assert callable(io.registry.writer_of(of_kind(kind)(), f"a{ending}"))
     assert io.endings(SurfaceMesh(*meshes.cube())) == sorted([*MESH_ENDINGS, ".png"])
-    assert set(registry.WRITERS["BSpline"]) == set(splines.FORMATS)
+    assert set(registry.WRITERS["spline"]) == set(splines.FORMATS)
 
 
 def test_unknown_endings_types_and_options_are_refused(ring, tmp_path):
@@ -288,10 +292,79 @@ def test_unknown_endings_types_and_options_are_refused(ring, tmp_path):
         ring.save(tmp_path / "a.step")
     with pytest.raises(FormatError, match="ending ''"):
         ring.save(tmp_path / "a")
-    with pytest.raises(InputError, match="a dict cannot be saved"):
+    with pytest.raises(InputError, match=r"a dict cannot be saved: .* no file_kind; .*, mesh,"):
         io.save({}, tmp_path / "a.stl")
     with pytest.raises(InputError, match=r"option 'unit' is unknown.*known: precision"):
         ring.save(tmp_path / "a.ply", unit="inch")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["SurfaceMesh", "SolidMesh", "SplineMap", "BSpline", "SliceStack"])
+def test_names_of_classes_mean_nothing(ring, tmp_path, name):
+    foreign = type(name, (), dict.fromkeys(("vertices", "faces", "spline", "names")))()
+    assert io.endings(foreign) == []
+    with pytest.raises(InputError, match=f"a {name} cannot be saved"):
+        io.save(foreign, tmp_path / "a.vtu")
+    for write in (io.save_bezier_vtu, splines.save):
+        with pytest.raises(InputError, match=f"must be a SplineMap.*{name}"):
+            write(foreign, tmp_path / "a.json")
+    for kind in ("Mesh", "", 3, None, ["mesh"]):
+        with pytest.raises(InputError, match="cannot be saved"):
+            io.save(of_kind(kind, vertices=ring.vertices, faces=ring.faces)(), tmp_path / "a.ply")
+    with pytest.raises(InputError, match="a type cannot be saved"):
+        io.save(SurfaceMesh, tmp_path / "a.ply")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_subclasses_are_saved_as_what_they_inherit(ring, tmp_path):
+    class Part(SurfaceMesh):
+        """A mesh of somebody else."""
+
+    Part(ring.vertices, ring.faces).save(tmp_path / "a.ply")
+    np.testing.assert_array_equal(io.read_mesh(tmp_path / "a.ply").vertices, ring.vertices)
+    torus = il.macroshape.torus(1.0, 0.7)
+    io.save(type("Shape", (il.SplineMap,), {})(torus.spline), tmp_path / "a.json")
+    found = il.macroshape.load(tmp_path / "a.json")
+    np.testing.assert_array_equal(found.spline.c, torus.spline.c)
+
+
+@pytest.mark.parametrize("ending", MESH_ENDINGS)
+def test_classes_join_by_declaring_their_kind(ring, tmp_path, ending):
+    """To the same bytes as the mesh itself, also of arrays in Fortran's order."""
+    arrays = {"vertices": np.asfortranarray(ring.vertices), "faces": np.asfortranarray(ring.faces)}
+    other = of_kind("mesh", point_data=ring.point_data, cell_data=ring.cell_data, **arrays)()
+    for name, mesh in (("ring", ring), ("other", other)):
+        io.save(mesh, tmp_path / f"{name}{ending}")
+    assert (tmp_path / f"other{ending}").read_bytes() == (tmp_path / f"ring{ending}").read_bytes()
+
+
+@pytest.mark.parametrize("ending", [*MESH_ENDINGS, ".png"])
+def test_meshes_that_were_read_are_saved_as_they_are(ring, tmp_path, ending):
+    ring.save(tmp_path / "a.off")
+    read = io.read_mesh(tmp_path / "a.off")
+    assert io.endings(read) == io.endings(ring)
+    bare = SurfaceMesh(ring.vertices, ring.faces)
+    for name, mesh in (("read", read), ("bare", bare)):
+        io.save(mesh, tmp_path / f"{name}{ending}")
+    assert (tmp_path / f"read{ending}").read_bytes() == (tmp_path / f"bare{ending}").read_bytes()
+
+
+@pytest.mark.parametrize("ending", [*MESH_ENDINGS, ".png"])
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"faces": np.array([[0, 1, 8]])}, "faces must name vertices from 0 to 7, got 0 to 8"),
+        ({"faces": np.array([[0, 1, -1]])}, "got -1 to 1"),
+        ({"faces": np.array([[0.0, 1.0, 2.0]])}, r"faces must be an array \(n, 3\) of integers"),
+        ({"faces": np.array([[0, 1, 2, 3]])}, "faces must be an array"),
+        ({"vertices": [[0.0, 0.0, 0.0]]}, r"vertices must be an array \(n, 3\) of reals"),
+    ],
+)
+def test_arrays_that_are_no_mesh_are_refused(tmp_path, ending, wrong, message):
+    vertices, faces = meshes.cube()
+    arrays = {"vertices": np.array(vertices, float), "faces": np.array(faces), **wrong}
+    with pytest.raises(InputError, match=message):
+        io.save(of_kind("mesh", point_data={}, cell_data={}, **arrays)(), tmp_path / f"a{ending}")
     assert list(tmp_path.iterdir()) == []
 
 
