@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import ilattice as il
+from ilattice.io import registry
 
 DOCS = Path(__file__).parent.parent / "docs"
 HOME = Path(il.__file__).parent
@@ -27,6 +28,7 @@ def page(name):
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
 def test_examples_of_how_to_add_things_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(registry.WRITERS, "mesh", dict(registry.WRITERS["mesh"]))
     parts = re.findall(r"```python\n(.*?)```", page("how_to.md"), re.DOTALL)
     assert len(parts) >= 4
     names = {}

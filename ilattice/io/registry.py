@@ -15,10 +15,12 @@ from ilattice.errors import FormatError, InputError
 from ilattice.io._kinds import kind_of
 from ilattice.io._mesh import MeshArrays
 
-_SPLINE = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")
+_SPLINE: dict[str, Any] = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")
 
-#: Kind -> ending -> "module:function" below `ilattice.io`. A writer takes (object, path).
-WRITERS: dict[str, dict[str, str]] = {
+#: A function of an object and a path, or "module:function" below `ilattice.io`, loaded when used.
+Writer = Callable[..., None] | str
+#: Kind -> ending -> writer.
+WRITERS: dict[str, dict[str, Writer]] = {
     "mesh": {
         ".stl": "stl:write_stl",
         ".ply": "ply:write_ply",
@@ -130,8 +132,8 @@ def read_mesh(path: str | os.PathLike[str], *, format: str | None = None) -> Mes
             f"{str(path)!r}: no mesh can be read from the ending {suffix!r}; "
             f"choose one of {', '.join(sorted(READERS))}"
         )
-    module, function = READERS[suffix.lower()].split(":")
-    return getattr(import_module(f"ilattice.io.{module}"), function)(path)
+    mesh: MeshArrays = _loaded(READERS[suffix.lower()])(path)
+    return mesh
 
 
 def endings(obj: Any) -> list[str]:
@@ -182,7 +184,14 @@ def writer_of(
             f"{str(path)!r}: a {type(obj).__name__} cannot be written with the ending {suffix!r}; "
             f"choose one of {', '.join(sorted(formats))}"
         )
-    module, function = formats[suffix.lower()].split(":")
+    return _loaded(formats[suffix.lower()])
+
+
+def _loaded(row: Any) -> Any:
+    """The function of a row of `WRITERS` or `READERS`."""
+    if callable(row):
+        return row
+    module, function = row.split(":")
     return getattr(import_module(f"ilattice.io.{module}"), function)
 
 
@@ -195,7 +204,7 @@ def _suffix(path: str | os.PathLike[str], format: str | None) -> str:
     return "." + format.lstrip(".")
 
 
-def _formats(obj: Any) -> dict[str, str]:
+def _formats(obj: Any) -> dict[str, Writer]:
     """Endings and writers of the kind of an object."""
     return WRITERS.get(kind_of(obj), {})
 
