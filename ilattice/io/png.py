@@ -7,13 +7,12 @@ different machines.
 import os
 from typing import Any
 
-import numpy as np
-
 from ilattice._files import atomic_write
 from ilattice.io._mesh import Triangles, check_mesh
 from ilattice.plot import Scene
 from ilattice.plot.overlays import png
 from ilattice.plot.quick import split
+from ilattice.plot.shapes import triangles
 
 
 def write_png(
@@ -51,19 +50,8 @@ def write_png(
     """
     check_mesh(mesh)
     of_scene, of_layer, _ = split(options)
-    scene = Scene(**of_scene).add(to_pyvista(mesh), scalars=scalars, **of_layer)
+    data = triangles(mesh.vertices, mesh.faces, mesh.point_data, mesh.cell_data)
+    scene = Scene(**of_scene).add(data, scalars=scalars, **of_layer)
     picture = png((scene if clip is None else scene.clipped(clip)).image())
     with atomic_write(path) as file:
         file.write(picture)
-
-
-def to_pyvista(mesh: Triangles) -> Any:
-    """A mesh with its data as ``pyvista.PolyData``."""
-    import pyvista as pv
-
-    out = pv.PolyData.from_regular_faces(np.array(mesh.vertices), np.array(mesh.faces))
-    for name, array in mesh.point_data.items():
-        out.point_data[name] = np.array(array)
-    for name, array in mesh.cell_data.items():
-        out.cell_data[name] = np.array(array)
-    return out

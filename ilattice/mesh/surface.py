@@ -13,7 +13,6 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike
-from ilattice.io.png import to_pyvista
 from ilattice.io.registry import read_mesh, save
 from ilattice.mesh.regions import without_islands, without_voids
 from ilattice.mesh.solid_mesh import SolidMesh
@@ -21,6 +20,7 @@ from ilattice.mesh.solid_meshing import tetrahedra
 from ilattice.mesh.triangles import TriangleMesh
 from ilattice.plot.cards import card
 from ilattice.plot.quick import show
+from ilattice.plot.shapes import triangles
 from ilattice.slicing.slices import SliceStack, slice_mesh
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ class SurfaceMesh(TriangleMesh):
         pyvista.PolyData
             Independent of this mesh.
         """
-        return to_pyvista(self)
+        return triangles(self.vertices, self.faces, self.point_data, self.cell_data)
 
     def to_trimesh(self) -> "trimesh.Trimesh":
         """Copy as a trimesh mesh, with all data as vertex and face attributes.

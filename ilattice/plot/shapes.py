@@ -1,10 +1,10 @@
-"""Arrays as datasets that a `Scene` can draw: level sets, lines, boxes, sections.
+"""Arrays as datasets that a `Scene` can draw: level sets, lines, triangles, boxes, sections.
 
 For pictures only: level sets are as coarse as the numbers given. Surfaces to print or to measure
 come from `ilattice.mesh`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -112,6 +112,38 @@ def segments(points: ArrayLike, pairs: IntArray) -> Any:
 
     rows = np.column_stack([np.full(len(pairs), 2), pairs])
     return pv.PolyData(np.asarray(points, float), lines=rows.ravel())
+
+
+def triangles(
+    points: AnyArray,
+    corners: AnyArray,
+    point_data: Mapping[str, AnyArray],
+    cell_data: Mapping[str, AnyArray],
+) -> Any:
+    """Triangles with named data.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Their corners.
+    corners : ndarray of int, shape (m, 3)
+        Which corners belong together.
+    point_data, cell_data : mapping of str to ndarray
+        Data of corners and of triangles.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Copies of all.
+    """
+    import pyvista as pv
+
+    out = pv.PolyData.from_regular_faces(np.array(points), np.array(corners))
+    for name, array in point_data.items():
+        out.point_data[name] = np.array(array)
+    for name, array in cell_data.items():
+        out.cell_data[name] = np.array(array)
+    return out
 
 
 def hexahedra(points: FloatArray, wanted: AnyArray | None = None) -> Any:
