@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._conditions import as_affine, as_planes
-from ilattice._field import Field
+from ilattice._field import Field, owns
 from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_whole, asked
@@ -137,9 +137,10 @@ def _as_extent(field: Any, box: Any) -> FloatArray:
 
 def _told_box(field: Any) -> FloatArray | None:
     """Corners that a field, or the bounds of somebody else's callable, tell of; if finite."""
-    told = field.shown_box if isinstance(field, Field) else getattr(field, "bounds", None)
+    if not owns(field, "bounds") and not isinstance(field, Field):
+        return None
     try:
-        box = np.asarray(told, float)
+        box = np.asarray(field.shown_box if isinstance(field, Field) else field.bounds, float)
     except (TypeError, ValueError):
         return None
     return box if box.shape == (2, 3) and np.isfinite(box).all() else None

@@ -287,6 +287,14 @@ def test_heat_maps_show_room_about_solids_and_all_of_other_fields():
     class Node(Sheet):
         """It only has the name of a solid."""
 
+    def slab(p):
+        return p[:, 2] - 0.2
+
+    slab.bounds = Sheet.bounds
+    assert extent(slab) == pytest.approx((-1.0, 2.0), abs=1e-6)
+    slab.bounds = lambda: Sheet.bounds
+    with pytest.raises(InputError, match="does not say where it is"):
+        extent(slab)
     assert extent(il.fields.sphere(1.0)) == pytest.approx((-1.2, 1.2), abs=1e-6)
     assert extent(Sheet()) == extent(Node()) == pytest.approx((-1.0, 2.0), abs=1e-6)
 
