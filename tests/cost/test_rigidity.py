@@ -36,6 +36,17 @@ def test_the_matrix_and_its_products(dim):
     np.testing.assert_allclose(T.T @ T, np.eye(k.trivial), atol=1e-13)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_no_rigid_motion_is_left_to_free_columns(dim):
+    k = il.cost.kagome(4, dim=dim).stiffened().perturbed(0.2, seed=3)
+    free = rigidity.free_columns(k)
+    held = np.setdiff1d(np.arange(k.positions.size), free)
+    assert len(held) == k.trivial == (3 if dim == 2 else 6)
+    assert np.linalg.cond(rigidity.rigid_motions(k)[held]) < 100.0
+    R = naive_matrix(k)
+    assert DENSE(R[:, free]) == DENSE(R) == len(free)
+
+
 @pytest.mark.parametrize("level", [3, 4, 5, 6])
 def test_regular_kagome_structures_have_no_self_stress(level):
     k = il.cost.kagome(level)

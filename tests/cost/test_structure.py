@@ -204,6 +204,19 @@ def test_quadratic_maps_have_the_multinomial_factor():
     np.testing.assert_allclose(found, p(x), atol=1e-13)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_barycentric_coordinates_give_points_back(dim):
+    rng = np.random.default_rng(dim)
+    corners, x = rng.standard_normal((dim + 1, dim)), rng.standard_normal((7, dim))
+    through = il.cost.BernsteinSimplex.straight(corners, 2)
+    xi = through.barycentric(x)
+    np.testing.assert_allclose(xi.sum(axis=1), 1.0, atol=1e-13)
+    np.testing.assert_allclose(xi @ corners, x, atol=1e-12)
+    np.testing.assert_allclose(through.barycentric(corners), np.eye(dim + 1), atol=1e-13)
+    with pytest.raises(InputError, match=rf"x must have shape \(n, {dim}\)"):
+        through.barycentric(np.zeros((2, dim + 1)))
+
+
 def test_maps_of_simplices_end_at_their_faces():
     C = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     through = il.cost.BernsteinSimplex(1, 2.0 * C, C)

@@ -70,6 +70,19 @@ def integral(solution, exact):
 
 
 @pytest.mark.filterwarnings("ignore:the cells are too coarse")
+def test_fluxes_on_rules_are_those_of_a_linear_solution():
+    K, g = np.array([[3.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 2.0]]), np.array([1.0, -2.0, 0.5])
+    problem = Physics(ball, 4, domain=CUBE, law=Plain(K))
+    solution = problem.hold("surface", lambda x: x @ g).solve()
+    rule = problem.domain.cut.volume(2)
+    flux = solution.flux_on(rule)
+    np.testing.assert_allclose(flux, np.tile(K @ g, (len(rule), 1)), atol=2e-4)
+    np.testing.assert_allclose(flux, solution.flux(rule.points), atol=1e-12)
+    with pytest.raises(InputError, match="rule must be a Quadrature"):
+        solution.flux_on(rule.points)
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 def test_a_law_by_its_tensor_alone_does_what_heat_does():
     k = [[3.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 2.0]]
     heat = Heat(ball, 4, domain=CUBE, conductivity=np.array(k))

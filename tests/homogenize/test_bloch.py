@@ -142,6 +142,14 @@ def test_the_search_finds_what_a_dense_solver_does():
 
 
 @coarse
+def test_products_with_the_mass_go_by_components():
+    cell = BlochCell(void(), (4, 3, 3), domain=[[0, 0, 0], [1, 1, 1]])
+    M = cell.masses.toarray()
+    x = np.random.default_rng(1).normal(size=(5, len(M))) + 0.3j
+    np.testing.assert_allclose(cell.inert(x), x @ M, atol=1e-15)
+
+
+@coarse
 def test_few_waves_are_a_basis_for_a_path_and_no_band_is_passed_over():
     cell = BlochCell(void((0.5, 0.5, 0.5), (0.31, 0.31, 0.31)), 4)  # bands of many symmetries
     bands = bloch(cell.domain, path="GXM", count=7, steps=8)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.homogenize import elastic
+from ilattice.homogenize import ElasticCell, elastic
 
 coarse = pytest.mark.filterwarnings("ignore:the cells are too coarse")
 pytestmark = [
@@ -31,6 +31,18 @@ def test_one_material_expands_as_it_does_without_voids():
     eff = elastic(void, 4, through=il.macroshape.cell(edges), expansion=2e-5)
     np.testing.assert_allclose(eff.expansion, 2e-5 * np.array([1, 1, 1, 0, 0, 0]), atol=1e-12)
     assert elastic(void, 4, estimate=False).expansion is None
+
+
+@coarse
+def test_expansion_is_the_compliance_times_what_a_degree_does():
+    """Of one material with voids it is that of the material, with half of it at twice C."""
+    cell = ElasticCell(void, 4, expansion=2e-5)
+    answer = cell.answers("auto", 1e-10, 500, None)
+    C = np.asarray(elastic(void, 4, estimate=False).C)
+    exact = 2e-5 * np.array([1, 1, 1, 0, 0, 0])
+    np.testing.assert_allclose(cell.expanding(C, answer), exact, atol=1e-12)
+    np.testing.assert_allclose(cell.expanding(2.0 * C, answer), 0.5 * exact, atol=1e-12)
+    assert ElasticCell(void, 4).expanding(C, answer).shape == (0,)
 
 
 @coarse

@@ -51,6 +51,14 @@ def test_spheres_have_the_error_that_theory_says(ball):
     assert slope(errors) == pytest.approx(2.0, abs=0.1)
 
 
+def test_walls_of_first_order_have_a_name_of_their_own(ball):
+    wall = il.lattice.parametric_offset(ball, (np.inf, 0.04))
+    r = 2.0 * (0.04 + np.sqrt(RADIUS**2 + 0.04**2))
+    assert wall.mesh(0.08).volume == pytest.approx(4 / 3 * np.pi * r**3, rel=0.01)
+    with pytest.raises(InputError, match="lattice must be a Lattice"):
+        il.lattice.parametric_offset(ball.through, 0.04)
+
+
 @pytest.mark.parametrize(("name", "order"), [("iwp", 2.0), ("gyroid", 3.0)])
 def test_the_error_is_of_second_order_at_least(name, order):
     """Of third where the second derivative along the normal vanishes, as on the gyroid."""
