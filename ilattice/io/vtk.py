@@ -40,7 +40,7 @@ _CELLS: dict[int, int | None] = {
     **dict.fromkeys(range(68, 82)),
 }  # fmt: skip
 _ROOM = 1 << 20  # bytes that a disk lacks if it is full
-#: What numbers are written as whose types VTK does not have.
+#: Types in which numbers are written whose own types VTK does not have.
 _KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.float32)}
 
 
