@@ -12,7 +12,6 @@ from ilattice._field import Field
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points
 from ilattice.bspline import BSpline
-from ilattice.offsets.sharp import SharpDistance
 from ilattice.offsets.thickness import Thickness
 
 #: Boxes of up to so many spans per direction are bounded element by element, wider ones by the
@@ -26,13 +25,13 @@ class WallField(Field):
 
     Attributes
     ----------
-    distance : BSpline or SharpDistance
+    distance : BSpline
         Signed distance S.
     thickness : Thickness
         Half-thickness on both sides.
     """
 
-    distance: BSpline | SharpDistance
+    distance: BSpline
     thickness: Thickness
 
     @property
@@ -81,14 +80,10 @@ class WallField(Field):
         s = self.distance(u)
         return np.where(s - self.thickness.outer(u) >= -s - self.thickness.inner(u), 1.0, -1.0)
 
-    def sums(self) -> tuple[tuple[Any, ...], FloatArray] | None:
-        """Splines, and factors (2, splines) by which the two level sets are sums of them.
-
-        None if the distance is no spline, but exact at kinks.
-        """
-        t, distance = self.thickness, self.distance
-        if not isinstance(distance, BSpline):
-            return None
+    def sums(self) -> tuple[tuple[Any, ...], FloatArray]:
+        """Splines, and factors (2, splines) by which the two level sets are sums of them."""
+        t = self.thickness
+        distance = getattr(self.distance, "spline", self.distance)
         if t.symmetric:
             return (distance, t.outer), np.array([[1.0, -1.0], [-1.0, -1.0]])
         factors = np.array([[1.0, -1.0, 0.0], [-1.0, 0.0, -1.0]])

@@ -5,7 +5,6 @@ import pytest
 
 import ilattice as il
 from ilattice.offsets.sharp import SharpDistance
-from ilattice.offsets.wall_field import WallField
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +39,6 @@ def test_bounds_hold_and_derivatives_are_those_of_the_spline(wall):
         np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(sharp.jet(u, 0)[0], value)
     np.testing.assert_array_equal(sharp.domain, wall.distance.domain)
-
-
-def test_only_walls_of_splines_are_sums_of_splines(wall):
-    sharp = WallField(SharpDistance(wall.lattice, wall.distance, wall.thickness), wall.thickness)
-    assert sharp.sums() is None
-    splines, factors = WallField(wall.distance, wall.thickness).sums()
-    u = np.random.default_rng(4).random((50, 3))
-    sums = factors @ [np.broadcast_to(s(u), len(u)) for s in splines]
-    np.testing.assert_allclose(sums.max(axis=0), wall.field(u), atol=1e-15)
 
 
 def test_kinks_next_to_eroded_solids_are_exact():
