@@ -148,6 +148,26 @@ def check_derivatives(field, p, box, rtol):
     assert [a.shape for a in empty] == [(0,), (0, 3), (0, 3, 3)]
 
 
+def away_from_kinks(field, p, box):
+    """Those of the points where values and gradients change alike on both sides, in all directions.
+
+    What the field says of its derivatives at a point is not asked, but for how gradients change.
+    The steps are twice those of `check_derivatives`.
+    """
+    f, g = field(p), field.jet(p, 1)[1]
+    keep, h = np.ones(len(p), bool), 2.0 * _step(box)
+    for axis in range(3):
+        e = h[axis] * np.eye(3)[axis]
+        for here, up, down in (
+            (f[:, None], field(p + e)[:, None], field(p - e)[:, None]),
+            (g, field.jet(p + e, 1)[1], field.jet(p - e, 1)[1]),
+        ):
+            ahead, behind = (up - here) / h[axis], (here - down) / h[axis]
+            typical = max(np.median(np.abs(ahead)), np.median(np.abs(behind)), 1.0)
+            keep &= (np.abs(ahead - behind) < 0.01 * typical).all(axis=1)
+    return p[keep]
+
+
 def _top(a):
     return max(np.abs(a).max(), 1e-12)
 
