@@ -14,6 +14,8 @@ from ilattice.mesh import _projecting
 
 #: Combinations per run, and seconds of CPU that they may take together, and one of them.
 COUNT, TOGETHER, EACH = 60, 700.0, 40.0
+#: So many must be looked at in that time.
+LEAST = 40
 #: The first one; others by the environment.
 FIRST = int(os.environ.get("ILATTICE_COMBINATIONS", 1_246_860))
 
@@ -24,28 +26,59 @@ def spent():
     return [0.0]
 
 
+@pytest.fixture(scope="module")
+def looked_at(request, tmp_path_factory):
+    """A file that processes side by side share: a line per combination, its seed and seconds."""
+    home = tmp_path_factory.getbasetemp()
+    return (home.parent if hasattr(request.config, "workerinput") else home) / "combinations"
+
+
+def enough(rows):
+    """That most combinations have been looked at, if these are the rows of all; see `looked_at`."""
+    done = [row for row in rows if not row.endswith("skipped")]
+    assert len(rows) < COUNT or len(done) >= LEAST, (
+        f"{len(done)} of {COUNT} combinations were looked at, {LEAST} must be; "
+        f"seeds and seconds of CPU: {'; '.join(rows)}"
+    )
+
+
 @pytest.mark.parametrize("place", range(COUNT))
-def test_a_random_combination_is_right_or_refused(place, spent):
+def test_a_random_combination_is_right_or_refused(place, spent, looked_at):
     """Closed, of the right volume and thickness, both ways; see `combinations`.
 
     ``ILATTICE_COMBINATIONS=first`` draws others,
     ``tests/combinations.py --most 2500 --points 16 --quick --seeds n`` a single one. As many are
-    looked at as there is time for.
+    looked at as there is time for, but at least `LEAST`: the last of all tells.
     """
-    seed = FIRST + place
-    if spent[0] > TOGETHER:
-        pytest.skip(f"seed {seed}: {TOGETHER:g} s of CPU are spent")
+    seed, found, why = FIRST + place, None, f"{TOGETHER:g} s of CPU are spent"
     start = time.process_time()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PrecisionWarning)
-        try:
-            with cb.limited(EACH):
-                found = cb.judge(cb.combination(seed, most=2500), count=16, igl_crossings=False)
-        except cb.OutOfTimeError:
-            pytest.skip(f"seed {seed} takes more than {EACH:g} s of CPU")
-        finally:
-            spent[0] += time.process_time() - start
+    if spent[0] <= TOGETHER:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionWarning)
+            try:
+                with cb.limited(EACH):
+                    found = cb.judge(cb.combination(seed, most=2500), count=16, igl_crossings=False)
+            except cb.OutOfTimeError:
+                why = f"it takes more than {EACH:g} s of CPU"
+    took = time.process_time() - start
+    spent[0] += took
+    with open(looked_at, "a") as file:
+        file.write(f"{seed} {took:.1f}{' skipped' if found is None else ''}\n")
+    enough(looked_at.read_text().splitlines())
+    if found is None:
+        pytest.skip(f"seed {seed}: {why}")
     assert found.faults == [], f"ILATTICE_COMBINATIONS={FIRST}: {found.row}"
+
+
+def test_too_few_combinations_are_told():
+    rows = [f"{n} 12.5{' skipped' if n >= LEAST else ''}" for n in range(COUNT)]
+    enough(rows)
+    enough(["0 0.0 skipped"] * (COUNT - 1))  # not all yet
+    rows[7] = "7 40.1 skipped"
+    with pytest.raises(
+        AssertionError, match=r"39 of 60 .* 40 must be; .*; 6 12\.5; 7 40\.1 skipped"
+    ):
+        enough(rows)
 
 
 def test_vertices_on_edges_of_the_domain_are_on_the_offset():
