@@ -1,8 +1,8 @@
 """Constants that decide what is right: a small case of each fails with a useless value.
 
 Every row is a module, a constant, a value of no use, a case that holds with the right one, and how
-it fails with the other. Both are tried. Constants of compiled code are not here: they are part of
-it.
+it fails with the other. Both are tried. Constants of compiled code, which are part of it, are in
+`offsets/test_kernel_constants.py` and `cutfem/test_kernel_constants.py`.
 """
 
 import importlib
