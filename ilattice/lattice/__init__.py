@@ -11,13 +11,8 @@
 """
 
 from ilattice.lattice.lattice import Lattice
-from ilattice.lattice.wall import (
-    ParametricWall,
-    ThicknessReport,
-    Wall,
-    offset,
-    parametric_offset,
-)
+from ilattice.lattice.wall import ParametricWall, Wall, offset, parametric_offset
+from ilattice.mesh.thickness import ThicknessReport
 
 __all__ = [
     "Lattice",

@@ -11,26 +11,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from ilattice._geometry import grid_array
 from ilattice._typing import ArrayLike
 from ilattice._validate import as_choice, as_not_negative, as_whole
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import InputError
 from ilattice.lattice.wall import Wall, described, offset, parametric_offset
 from ilattice.macroshape.primitives import box
+from ilattice.mesh.mid_surface import mid_surface_contour
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.plot.cards import card
 from ilattice.plot.quick import show
-from ilattice.plot.shapes import isosurface
 from ilattice.tiles.struts import as_graph, box_around, struts
 from ilattice.topology.sweep import TopologySweep, topology_sweep
 
 SPACES = ("euclidean", "parametric")
 #: Options of offsets in space only.
 IN_SPACE = {"points", "values", "tol", "relative_density", "least_wall", "least_gap"}
-#: Samples of the mid-surface in a picture, at most.
-PLOTTED = 6_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,21 +150,7 @@ class Lattice(MidSurface):
         object
             What pyvista returns.
         """
-        n = min(as_whole("n", n, 2, 200), max(4, int((PLOTTED / np.prod(self.repeat)) ** (1 / 3))))
-        axes = [
-            np.linspace(a, b, n * r + 1)
-            for (a, b), r in zip(self.domain.T, self.repeat, strict=True)
-        ]
-        values = np.empty([len(a) for a in axes])
-        for i, u in enumerate(axes[0]):
-            plane = grid_array([u], *axes[1:])
-            values[i] = self.implicit(plane.reshape(-1, 3)).reshape(values.shape[1:])
-        shown = isosurface(values, axes)
-        if shown.n_points == 0:
-            raise GeometryError("the tile has no zero set at the points of the picture")
-        lo, hi = self.domain
-        shown.points = self.through.x(np.clip(np.asarray(shown.points, float), lo, hi))
-        return show(shown, **options)
+        return show(mid_surface_contour(self, as_whole("n", n, 2, 200)), **options)
 
     def topology_sweep(self, d_values: ArrayLike, **options: Any) -> TopologySweep:
         """Half-thicknesses at which the topology of the wall changes, and where.

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._shown import Shown
 from ilattice._typing import ArrayLike
 from ilattice._validate import (
     as_flag,
@@ -25,10 +24,10 @@ from ilattice._validate import (
 )
 from ilattice.errors import InputError
 from ilattice.io.stream import StreamedMeshWriter
-from ilattice.mesh.coverage import missing_part
 from ilattice.mesh.regions import TopologyReport
 from ilattice.mesh.surface import SurfaceMesh
-from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, wall_pieces, warn_full
+from ilattice.mesh.thickness import ThicknessReport, thickness_report
+from ilattice.mesh.wall_mesh import wall_mesh, wall_pieces, warn_full
 from ilattice.offsets.first_order import ParametricOffset, parametric_solid
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.offsetting import offset_solid
@@ -38,33 +37,6 @@ from ilattice.plot.cards import card
 from ilattice.slicing.slices import SliceStack, slice_wall
 from ilattice.topology.features import Feature, check_features, minimum_gap, minimum_thickness
 from ilattice.topology.sweep import wall_topology
-
-
-@dataclass(frozen=True)
-class ThicknessReport(Shown):
-    """Error | |distance| - d | of the half-thickness over the vertices of a wall's mesh.
-
-    Attributes
-    ----------
-    max, p99, rms : float
-        Largest, 99th percentile, root mean square, in units of length.
-    relative : float
-        99th percentile relative to d; on sides where d is zero, to the least total thickness.
-    relative_max : float
-        Largest, likewise.
-    count : int
-        Number of vertices measured: those of the offset surfaces, caps excluded.
-    missing : float
-        Part of the offset surfaces, by area, next to which the mesh has no triangle.
-    """
-
-    max: float
-    p99: float
-    rms: float
-    relative: float
-    relative_max: float
-    count: int
-    missing: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,18 +295,8 @@ class Wall(OffsetSolid):
             Errors over the vertices of the offset surfaces, caps excluded, and what part of these
             surfaces the mesh lacks.
         """
-        if mesh is None:
-            mesh = self.mesh(polish=False)
-        u, side = parameters_of(as_kind("mesh", mesh, "SurfaceMesh"))
-        if not side.any():  # the wall fills the part
-            return ThicknessReport(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
-        error, asked = self._errors(u[side != 0], side[side != 0])
-        relative = error / np.where(asked != 0.0, np.abs(asked), self.least_thickness)
-        return ThicknessReport(
-            float(error.max()), float(np.percentile(error, 99)),
-            float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),
-            float(relative.max()), len(error), missing_part(self, mesh),
-        )  # fmt: skip
+        made = self.mesh(polish=False) if mesh is None else as_kind("mesh", mesh, "SurfaceMesh")
+        return thickness_report(self, made)
 
     def _polished(self, polish: bool) -> bool:
         """Whether vertices move onto the exact offset, if that is asked for."""

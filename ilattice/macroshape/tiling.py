@@ -42,8 +42,6 @@ APART, ON_FACES = 1e-3, 129
 #: Angle between surfaces of neighbours, about, from which on they meet in a crease.
 BENT = 0.02
 PER_TILE = 2000  # bytes of memory
-#: Samples of the mid-surface in a picture, at most.
-PLOTTED = 6_000_000
 
 
 @dataclass(frozen=True, eq=False)
