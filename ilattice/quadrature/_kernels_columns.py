@@ -28,7 +28,9 @@ from ilattice.quadrature._kernels_scratch import (
     N_VOLUME,
     NAMES,
     NODES,
+    NORMAL,
     PLANES,
+    SET,
     SOFT_NODES,
     SOFT_WEIGHTS,
     STACK,
@@ -39,6 +41,7 @@ from ilattice.quadrature._kernels_scratch import (
     UP,
     UPRIGHT,
     VOLUME,
+    WEIGHT,
     WEIGHTS,
     B,
     D,
@@ -81,11 +84,11 @@ def foot(
             surface[at, 1] = Z[X + 1]
             surface[at, 2] = Z[X + 2]
             surface[at, e0] = low + high * t
-            surface[at, 3] = w * length / abs(g0)
-            surface[at, 4 + e0] = out * g0 / length
-            surface[at, 4 + e1] = out * g1 / length
-            surface[at, 4 + e2] = out * g2 / length
-            surface[at, 7] = N[NAMES + N[ACTIVE + i]]
+            surface[at, WEIGHT] = w * length / abs(g0)
+            surface[at, NORMAL + e0] = out * g0 / length
+            surface[at, NORMAL + e1] = out * g1 / length
+            surface[at, NORMAL + e2] = out * g2 / length
+            surface[at, SET] = N[NAMES + N[ACTIVE + i]]
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -40,6 +40,7 @@ from ilattice.quadrature._kernels_scratch import (
     TEMP,
     TENSORS,
     TOL,
+    WEIGHT,
     WEIGHTS,
     B,
     X,
@@ -143,7 +144,7 @@ def whole_face(Z: Any, N: Any, out: Any, e0: int, side: int, q: int) -> None:
                 out[n, e0] = Z[LO + e0] + side * Z[EXT + e0]
                 out[n, u] = Z[LO + u] + Z[EXT + u] * Z[NODES + i]
                 out[n, v] = Z[LO + v] + Z[EXT + v] * Z[NODES + j]
-                out[n, 3] = Z[EXT + u] * Z[WEIGHTS + i] * (Z[EXT + v] * Z[WEIGHTS + j])
+                out[n, WEIGHT] = Z[EXT + u] * Z[WEIGHTS + i] * (Z[EXT + v] * Z[WEIGHTS + j])
 
 
 @inner(error_model="numpy")

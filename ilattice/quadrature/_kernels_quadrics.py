@@ -31,8 +31,11 @@ from ilattice.quadrature._kernels_scratch import (
     N_SURFACE,
     NAMES,
     NODES,
+    NORMAL,
+    SET,
     SURFACE,
     VOLUME,
+    WEIGHT,
     WEIGHTS,
     X,
 )
@@ -374,11 +377,11 @@ def foot_on_quadric(
     surface[at, e0] = Z[LO + e0] + Z[EXT + e0] * t
     surface[at, e1] = Z[X + e1]
     surface[at, e2] = Z[X + e2]
-    surface[at, 3] = w * length / abs(g0)
-    surface[at, 4 + e0] = out * g0 / length
-    surface[at, 4 + e1] = out * g1 / length
-    surface[at, 4 + e2] = out * g2 / length
-    surface[at, 7] = N[NAMES + N[ACTIVE]]
+    surface[at, WEIGHT] = w * length / abs(g0)
+    surface[at, NORMAL + e0] = out * g0 / length
+    surface[at, NORMAL + e1] = out * g1 / length
+    surface[at, NORMAL + e2] = out * g2 / length
+    surface[at, SET] = N[NAMES + N[ACTIVE]]
 
 
 @inner(error_model="numpy")

@@ -42,6 +42,7 @@ from ilattice.quadrature._kernels_scratch import (
     UNSURE,
     UP,
     VOLUME,
+    WEIGHT,
     WEIGHTS,
     with_sign,
 )
@@ -181,7 +182,7 @@ def solid(Z: Any, N: Any, volume: Any, q: int) -> None:
                     volume[n, 0] = x
                     volume[n, 1] = y
                     volume[n, 2] = Z[LO + 2] + Z[EXT + 2] * Z[NODES + k]
-                    volume[n, 3] = wy * (Z[EXT + 2] * Z[WEIGHTS + k])
+                    volume[n, WEIGHT] = wy * (Z[EXT + 2] * Z[WEIGHTS + k])
                     n += 1
 
 

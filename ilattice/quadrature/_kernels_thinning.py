@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._kernels import inner, outer
+from ilattice.quadrature._kernels_scratch import WEIGHT as POINT_WEIGHT
 
 #: Error of moments, of polynomials of size 1, as a part of the volume, at which points are kept.
 KEPT = 1e-10
@@ -71,7 +72,7 @@ def legendre(x: Any, older: Any, old: Any, new: Any, k: int) -> None:
 @inner(error_model="numpy")
 def look(points: Any, row: int, last: int, S: Any, lane: int) -> None:
     """A point within the box about all, from -1 to 1, and its weight; none if it is the last."""
-    S[WEIGHTS + lane] = points[row, 3] if row < last else 0.0
+    S[WEIGHTS + lane] = points[row, POINT_WEIGHT] if row < last else 0.0
     for axis in range(3):
         x = 0.0
         if row < last:
@@ -247,7 +248,7 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
             for row in range(first + g * n // K, first + (g + 1) * n // K):
                 for i in range(3):
                     points[to, i] = points[row, i]
-                points[to, 3] = points[row, 3] * S[WEIGHT + g] / old[g]
+                points[to, POINT_WEIGHT] = points[row, POINT_WEIGHT] * S[WEIGHT + g] / old[g]
                 to += 1
         if to - first >= n:
             break

@@ -33,6 +33,8 @@ EPS = 8e-15
 #: Parts of a piece, by parameter, below which no proof is waited for: their error of the foot is
 #: squared in the distance, and so below rounding.
 SHORTEST = 1e-9
+#: Columns of a hit: F, foot (3), parameters (2).
+F, FOOT, AT = 0, 1, 4
 
 
 @inner(fastmath=FAST)
@@ -108,18 +110,18 @@ def _root(q: Any, p: int, b: float, t: float, work: Any, jet: Any) -> float:
 
 @inner(fastmath=FAST)
 def _accept(jet: Any, t: float, s: float, x: float, y: float, z: float, hit: Any) -> bool:
-    """Keep the point in `jet` if it is nearer than ``hit[0]``: F, foot, parameters."""
+    """Keep the point in `jet` if it is nearer than ``hit[F]``: F, foot, parameters."""
     w = 1.0 / jet[4]
     dx, dy, dz = jet[0] * w, jet[1] * w, jet[2] * w
     f = math.sqrt(dx * dx + dy * dy + dz * dz) - jet[3] * w
-    if not f < hit[0]:
+    if not f < hit[F]:
         return False
-    hit[0] = f
-    hit[1] = x + dx
-    hit[2] = y + dy
-    hit[3] = z + dz
-    hit[4] = t
-    hit[5] = s
+    hit[F] = f
+    hit[FOOT] = x + dx
+    hit[FOOT + 1] = y + dy
+    hit[FOOT + 2] = z + dz
+    hit[AT] = t
+    hit[AT + 1] = s
     return True
 
 
@@ -196,7 +198,7 @@ def closest_on_curve(
     span: Any,
     work: Any,
 ) -> None:
-    """Nearest point of a curve piece, if it is nearer than ``hit[0]``.
+    """Nearest point of a curve piece, if it is nearer than ``hit[F]``.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ def closest_on_curve(
         top -= 1
         q = stack[top]
         a, size = span[top, 0], span[top, 1]
-        b = hit[0]
+        b = hit[F]
         thick = _thick(q, p + 1, b)
         if thick < 0:
             continue
@@ -241,7 +243,7 @@ def closest_on_curve(
                     casteljau(q, 0, 5, p, t, tmp, jet)
                     again = _accept(jet, a + t * size, 0.0, x, y, z, hit)
         if simple:
-            if again and plain == 0 and hit[0] < b - 1e-15 * (1.0 + abs(b)):
+            if again and plain == 0 and hit[F] < b - 1e-15 * (1.0 + abs(b)):
                 top += 1
             continue
         _push_halves(stack, span, top, p)
@@ -448,7 +450,7 @@ def _search_surface(
     data: Any, start: int, p: int, r: int, plain: int, x: float, y: float, z: float, hit: Any,
     stack: Any, span: Any, work: Any,
 ) -> None:  # fmt: skip
-    """Minima in the interior of a surface piece, those that are nearer than ``hit[0]``."""
+    """Minima in the interior of a surface piece, those that are nearer than ``hit[F]``."""
     count = (2 * p + 1) * (2 * r + 1)
     n, jet, at, tmp = work[:count], work[count : count + 30], work[count + 30 :], work[count + 32 :]
     _load(data, start, 5, (p + 1) * (r + 1), x, y, z, stack[0])
@@ -457,7 +459,7 @@ def _search_surface(
     while top > 0:
         top -= 1
         q = stack[top]
-        b = hit[0]
+        b = hit[F]
         thick = _thick(q, (p + 1) * (r + 1), b)
         if thick < 0 or (thick == 0 and _apart(q, (p + 1) * (r + 1), b)):
             continue
@@ -472,7 +474,7 @@ def _search_surface(
                 u = span[top, 0] + at[0] * span[top, 1]
                 v = span[top, 2] + at[1] * span[top, 3]
                 better = _accept(jet, u, v, x, y, z, hit)
-                if better and plain == 0 and hit[0] < b - 1e-15 * (1.0 + abs(b)):
+                if better and plain == 0 and hit[F] < b - 1e-15 * (1.0 + abs(b)):
                     top += 1
                 continue
         if tiny:
@@ -499,7 +501,7 @@ def closest_on_surface(
     span: Any,
     work: Any,
 ) -> None:
-    """Nearest point in the interior of a surface piece, if it is nearer than ``hit[0]``.
+    """Nearest point in the interior of a surface piece, if it is nearer than ``hit[F]``.
 
     Parameters
     ----------
@@ -520,7 +522,7 @@ def closest_on_surface(
         return
     # That N falls towards a boundary proves nothing about F for a varying radius, unless no
     # boundary is nearer than the bound, and the bound stays: hence boundaries first, and again.
-    bound = hit[0]
+    bound = hit[F]
     a = 5 * (r + 1)
     edge = work[:8]
     edge[0] = bound
@@ -529,14 +531,14 @@ def closest_on_surface(
     closest_on_curve(data, start + a * p, 5, r, 0, x, y, z, edge, stack, span, rest)
     closest_on_curve(data, start, a, p, 0, x, y, z, edge, stack, span, rest)
     closest_on_curve(data, start + 5 * r, a, p, 0, x, y, z, edge, stack, span, rest)
-    least = hit[0] = edge[0]
+    least = hit[F] = edge[0]
     while True:
-        before = hit[0]
+        before = hit[F]
         _search_surface(data, start, p, r, plain, x, y, z, hit, stack, span, work)
-        if not hit[0] < before - 1e-15 * (1.0 + abs(before)):
+        if not hit[F] < before - 1e-15 * (1.0 + abs(before)):
             break
-    if not hit[0] < least:
-        hit[0] = bound
+    if not hit[F] < least:
+        hit[F] = bound
 
 
 @inner(fastmath=FAST)

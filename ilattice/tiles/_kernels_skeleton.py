@@ -18,8 +18,11 @@ from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.fields._kernels_boxes import STACK
 from ilattice.tiles._kernels_closest import (
+    AT,
     DEPTH,
     FAST,
+    FOOT,
+    F,
     casteljau,
     closest_on_curve,
     closest_on_surface,
@@ -31,9 +34,14 @@ CHUNK = 256
 #: Kinds of pieces, and how many there are.
 SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL, KINDS = 0, 1, 2, 3, 4, 5, 6, 7
 #: Columns of `piece`: kind, group, start, degree or count, second degree, plain.
-DEGREE, OTHER = 3, 4
-#: Columns of a hit: F, foot (3), parameters (2), piece, feature (0 a point, 1 inside, 2 + edge).
-HIT, FOOT, AT, PIECE, FEATURE = 8, 1, 4, 6, 7
+KIND, GROUP, START, DEGREE, OTHER, PLAIN = 0, 1, 2, 3, 4, 5
+#: Columns of the nodes of the tree: right child, first piece and number of pieces.
+RIGHT, BEGIN, COUNT = 0, 1, 2
+#: Columns of their boxes: lower and upper corner, and largest radius within.
+LO, HI, WIDEST = 0, 3, 6
+#: Numbers of a hit; behind those of `_kernels_closest`: piece, feature (0 a point, 1 inside, 2 +
+#: edge).
+HIT, PIECE, FEATURE = 8, 6, 7
 #: Numbers of a homogeneous Bézier point, and the place of the weight among them.
 POINT, W = 5, 4
 #: Places in jets of such points, behind the value: of curves.
@@ -78,18 +86,18 @@ class Tree(NamedTuple):
 @njit(cache=True, fastmath=FAST, inline="always")
 def _box_distance(box: Any, i: int, x: float, y: float, z: float) -> float:
     """Distance to box i minus the largest radius in it."""
-    dx = max(box[i, 0] - x, x - box[i, 3], 0.0)
-    dy = max(box[i, 1] - y, y - box[i, 4], 0.0)
-    dz = max(box[i, 2] - z, z - box[i, 5], 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz) - box[i, 6]
+    dx = max(box[i, LO] - x, x - box[i, HI], 0.0)
+    dy = max(box[i, LO + 1] - y, y - box[i, HI + 1], 0.0)
+    dz = max(box[i, LO + 2] - z, z - box[i, HI + 2], 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz) - box[i, WIDEST]
 
 
 @inner(fastmath=FAST)
 def _farthest(box: Any, x: float, y: float, z: float) -> float:
     """Distance to the farthest corner of all boxes: no point of a piece is farther."""
-    dx = max(x - box[0, 0], box[0, 3] - x)
-    dy = max(y - box[0, 1], box[0, 4] - y)
-    dz = max(z - box[0, 2], box[0, 5] - z)
+    dx = max(x - box[0, LO], box[0, HI] - x)
+    dy = max(y - box[0, LO + 1], box[0, HI + 1] - y)
+    dz = max(z - box[0, LO + 2], box[0, HI + 2] - z)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
@@ -100,8 +108,8 @@ def _offer(
     """Keep a foot if it is nearer."""
     dx, dy, dz = x - fx, y - fy, z - fz
     f = math.sqrt(dx * dx + dy * dy + dz * dz) - r
-    if f < hit[0]:
-        hit[0], hit[1], hit[2], hit[3], hit[7] = f, fx, fy, fz, feature
+    if f < hit[F]:
+        hit[F], hit[FOOT], hit[FOOT + 1], hit[FOOT + 2], hit[FEATURE] = f, fx, fy, fz, feature
 
 
 @inner(fastmath=FAST)
@@ -192,7 +200,7 @@ def _triangle(d: Any, s: int, x: float, y: float, z: float, hit: Any) -> None:
     """
     c = s + 10
     h = (x - d[c]) * d[s + 4] + (y - d[c + 1]) * d[s + 5] + (z - d[c + 2]) * d[s + 6]
-    if abs(h) - max(d[s], d[s + 1], d[s + 2]) >= hit[0]:
+    if abs(h) - max(d[s], d[s + 1], d[s + 2]) >= hit[F]:
         return
     g2 = d[s + 7] * d[s + 7] + d[s + 8] * d[s + 8] + d[s + 9] * d[s + 9]
     if g2 < 1.0:
@@ -237,25 +245,27 @@ def _closest_on_piece(
     piece: Any, i: int, d: Any, x: float, y: float, z: float, hit: Any, stack: Any, span: Any,
     work: Any,
 ) -> None:  # fmt: skip
-    """Nearest point of piece i, if it is nearer than ``hit[0]``."""
-    kind, s = piece[i, 0], piece[i, 2]
-    before = hit[0]
+    """Nearest point of piece i, if it is nearer than ``hit[F]``."""
+    kind, s = piece[i, KIND], piece[i, START]
+    before = hit[F]
     if kind == SEGMENT:
         _segment(d, s, s + 2, s + 5, x, y, z, hit, 1)
     elif kind == ARC:
         _arc(d, s, x, y, z, hit)
     elif kind == POLYGON:
-        _polygon(d, s, piece[i, 3], x, y, z, hit)
+        _polygon(d, s, piece[i, DEGREE], x, y, z, hit)
     elif kind == CURVE:
-        closest_on_curve(d, s, 5, piece[i, 3], piece[i, 5], x, y, z, hit, stack, span, work)
+        closest_on_curve(
+            d, s, 5, piece[i, DEGREE], piece[i, PLAIN], x, y, z, hit, stack, span, work
+        )
     elif kind == TRIANGLE:
         _triangle(d, s, x, y, z, hit)
     elif kind == BALL:
         _offer(hit, x, y, z, d[s + 1], d[s + 2], d[s + 3], d[s], 0)
     else:
-        p, r = piece[i, 3], piece[i, 4]
-        closest_on_surface(d, s, p, r, piece[i, 5], x, y, z, hit, stack, span, work)
-    if hit[0] < before:
+        p, r = piece[i, DEGREE], piece[i, OTHER]
+        closest_on_surface(d, s, p, r, piece[i, PLAIN], x, y, z, hit, stack, span, work)
+    if hit[F] < before:
         hit[PIECE] = i
 
 
@@ -279,30 +289,30 @@ def _nearest(
             i = path[top]
             if _box_distance(box, i, x, y, z) - SLACK >= least + blend:
                 continue
-            if link[i, 2] == 0:
-                a, b = i + 1, link[i, 0]
+            if link[i, COUNT] == 0:
+                a, b = i + 1, link[i, RIGHT]
                 if _box_distance(box, a, x, y, z) < _box_distance(box, b, x, y, z):
                     a, b = b, a
                 path[top], path[top + 1] = a, b
                 top += 2
                 continue
-            for j in range(link[i, 1], link[i, 1] + link[i, 2]):
-                if (piece[j, 0] == SURFACE) != (turn == 1):
+            for j in range(link[i, BEGIN], link[i, BEGIN] + link[i, COUNT]):
+                if (piece[j, KIND] == SURFACE) != (turn == 1):
                     continue
-                hit = hits[piece[j, 1]]
-                cut = min(hit[0], least + blend + SLACK)
+                hit = hits[piece[j, GROUP]]
+                cut = min(hit[F], least + blend + SLACK)
                 if _box_distance(piece_box, j, x, y, z) - SLACK >= cut:
                     continue
-                new = hit[0] == np.inf
-                hit[0] = cut
+                new = hit[F] == np.inf
+                hit[F] = cut
                 _closest_on_piece(piece, j, tree.data, x, y, z, hit, stack, span, work)
                 if new:
-                    if hit[0] < cut:
-                        touched[found] = piece[j, 1]
+                    if hit[F] < cut:
+                        touched[found] = piece[j, GROUP]
                         found += 1
                     else:
-                        hit[0] = np.inf
-                least = min(least, hit[0])
+                        hit[F] = np.inf
+                least = min(least, hit[F])
     return found, least
 
 
@@ -312,11 +322,11 @@ def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weig
     count = 0
     for i in range(found):
         g = touched[i]
-        if hits[g, 0] < least + blend or hits[g, 0] == least:
+        if hits[g, F] < least + blend or hits[g, F] == least:
             j = count
             while j > 0 and (
-                hits[touched[j - 1], 0] > hits[g, 0]
-                or (hits[touched[j - 1], 0] == hits[g, 0] and touched[j - 1] > g)
+                hits[touched[j - 1], F] > hits[g, F]
+                or (hits[touched[j - 1], F] == hits[g, F] and touched[j - 1] > g)
             ):
                 j -= 1
             for m in range(i, j, -1):
@@ -329,17 +339,17 @@ def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weig
     # The weights w minimise sum w_i a_i + blend/2 (sum w_i² - 1) over the unit simplex.
     total, theta, size = 0.0, 0.0, 0
     for j in range(count):
-        total += hits[touched[j], 0]
+        total += hits[touched[j], F]
         new = (blend + total) / (j + 1)
-        if hits[touched[j], 0] < new or j == 0:
+        if hits[touched[j], F] < new or j == 0:
             theta, size = new, j + 1
     if size == 1:
         weight[0] = 1.0
         return least, 1
     value, squares = 0.0, 0.0
     for j in range(size):
-        weight[j] = (theta - hits[touched[j], 0]) / blend
-        value += weight[j] * (hits[touched[j], 0] - least)
+        weight[j] = (theta - hits[touched[j], F]) / blend
+        value += weight[j] * (hits[touched[j], F] - least)
         squares += weight[j] * weight[j]
     return least + value + 0.5 * blend * (squares - 1.0), size
 
@@ -418,7 +428,7 @@ def _add_hessian(
 ) -> None:
     """Second derivatives of F at one foot, times a weight."""
     i = int(hit[PIECE])
-    kind, s, feature = piece[i, 0], piece[i, 2], int(hit[FEATURE])
+    kind, s, feature = piece[i, KIND], piece[i, START], int(hit[FEATURE])
     c = work[SLOPES:SURFACE_JET]
     c[:] = 0.0
     if kind == CURVE:
@@ -438,7 +448,7 @@ def _add_hessian(
     elif kind == SEGMENT or feature >= 2:
         a, b, r = s + 2, s + 5, s
         if kind == POLYGON:
-            m = piece[i, 3]
+            m = piece[i, DEGREE]
             a, b = s + 11 + 3 * (feature - 2), s + 11 + 3 * ((feature - 1) % m)
         elif kind == TRIANGLE:
             r = s + feature - 2
@@ -559,7 +569,7 @@ def _chunk(
             )  # fmt: skip
         f[i] = _cut(x, y, z, plane, order, value, gi, hi)
         for k in range(found):
-            hits[touched[k], 0] = np.inf
+            hits[touched[k], F] = np.inf
 
 
 @in_ranges(CHUNK)
