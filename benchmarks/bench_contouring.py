@@ -4,9 +4,11 @@ Both sides sample, and store their vertices, in single precision. VTK places ver
 interpolation; so does the row "as VTK". By default ours are moved onto the surface.
 VTK works on one thread; ours uses all, which costs CPU time while threads wait for each other.
 Each measurement is a process of its own, so that its CPU time and peak memory are all its own:
-``python -m benchmarks.bench_contouring METHOD KIND N``.
+``python -m benchmarks.bench_contouring METHOD KIND N``. Where microgen, and the package ``sdf`` of
+github.com/fogleman/sdf, are installed, there are lines against these, too.
 """
 
+import importlib.util
 import json
 import sys
 import tempfile
@@ -96,8 +98,29 @@ def flying_edges(kind: str, n: int) -> int:
     return references.flying_edges(*references.gyroid_box(n, sheet=kind == "sheet"))[1]
 
 
+def microgen(kind: str, n: int) -> int:
+    """Number of triangles of microgen's mesh."""
+    from benchmarks import references
+
+    return references.microgen_gyroid(n, sheet=kind == "sheet")
+
+
+def fogleman(kind: str, n: int) -> int:
+    """Number of triangles of the mesh of fogleman/sdf."""
+    from benchmarks import references
+
+    return references.fogleman_gyroid(n, sheet=kind == "sheet")
+
+
 MODULE = "benchmarks.bench_contouring"
-METHODS = {f.__name__: f for f in (blocks, linear, one_thread, streamed, flying_edges)}
+METHODS = {
+    f.__name__: f for f in (blocks, linear, one_thread, streamed, flying_edges, microgen, fogleman)
+}
+#: Method, module that it needs, kind, samples, and the ratio asked for.
+OTHERS = (
+    ("microgen", "microgen", "sheet", 201, "<= 0.04"),
+    ("fogleman", "sdf", "network", 401, "<= 0.05"),
+)
 
 
 def main(method: str, kind: str, n: str) -> None:
@@ -137,6 +160,17 @@ def rows(quick: bool) -> Iterator[Row]:
             f"{theirs['megabytes']:.0f} MB NumPy + vtkFlyingEdges3D",
             ours["megabytes"] / theirs["megabytes"],
             memory_goal,
+        )
+    for method, module, kind, samples, goal in OTHERS:
+        if importlib.util.find_spec(module) is None:
+            continue
+        ours, theirs = (alone(MODULE, m, kind, samples) for m in ("blocks", method))
+        yield Row(
+            f"gyroid {kind} at {samples}³ against {method}, CPU",
+            f"{ours['cpu']:.2f} s, {ours['triangles']:.0f} triangles",
+            f"{theirs['cpu']:.2f} s, {theirs['triangles']:.0f} triangles",
+            ours["cpu"] / theirs["cpu"],
+            goal,
         )
     small, large = (alone(MODULE, "streamed", "network", m) for m in (n, 2 * n - 1))
     yield Row(

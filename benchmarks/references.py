@@ -111,6 +111,36 @@ def flying_edges(samples: AnyArray, h: float) -> tuple[int, int]:
     return out.GetNumberOfPoints(), out.GetNumberOfPolys()
 
 
+def microgen_gyroid(n: int, *, sheet: bool) -> int:
+    """Number of triangles of microgen's boxed gyroid of 2 x 2 x 2 cells on n³ samples."""
+    from microgen import Tpms, surface_functions
+
+    shape = Tpms(surface_functions.gyroid, 0.6, repeat_cell=2, resolution=(n - 1) // 2)
+    part = shape.generate_vtk(type_part="sheet" if sheet else "lower skeletal")
+    return int(part.extract_surface().triangulate().n_cells)
+
+
+def fogleman_gyroid(n: int, *, sheet: bool) -> int:
+    """Number of triangles of the same by fogleman/sdf; its field is not steeper than 1."""
+    import sdf
+
+    @sdf.sdf3
+    def gyroid() -> Any:
+        def f(p: FloatArray) -> FloatArray:
+            x, y, z = (2.0 * np.pi * p).T
+            wave = np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
+            wave = np.abs(wave) - 0.3 if sheet else wave
+            value: FloatArray = wave / (2.0 * np.pi * np.sqrt(3.0))
+            return value
+
+        return f
+
+    step, end = 2.0 / (n - 1), 1.0 + 1e-9
+    bounds = ((-end - step,) * 3, (end + 2.0 * step,) * 3)
+    points = sdf.core.generate(sdf.box(2.0) & gyroid(), step=step, bounds=bounds, verbose=False)
+    return len(points) // 3
+
+
 def bernstein(tensors: FloatArray, t: FloatArray) -> FloatArray:
     """Values of one quadratic Bernstein tensor (n, 27) each at local points (n, 3)."""
     s = 1.0 - t
