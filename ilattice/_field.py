@@ -17,6 +17,9 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import among, as_array, as_items, as_points, as_real
 from ilattice.errors import InputError
 
+#: Step of the differences of gradients, relative to coordinates above 1: about the root of the
+#: rounding of gradients by closest points.
+SLOPE_STEP = 1e-5
 #: Step of the differences that stand for derivatives.
 STEP = 1e-4
 #: What a field can define itself.
@@ -285,3 +288,12 @@ def differences(
             ends = up[:, i] + down[:, i] + up[:, k] + down[:, k]
             H[:, i, k] = H[:, k, i] = (far - ends + 2.0 * value) / (2.0 * STEP**2)
     return value, first, H
+
+
+def hessians(slope: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
+    """Hessians (n, 3, 3) by central differences of gradients (n, 3), made symmetric."""
+    step = SLOPE_STEP * max(1.0, float(np.abs(points).max(initial=0.0)))
+    rows = [(slope(points + e) - slope(points - e)) / (2.0 * step) for e in step * np.eye(3)]
+    H = np.stack(rows, axis=1)
+    out: FloatArray = 0.5 * (H + H.transpose(0, 2, 1))
+    return out

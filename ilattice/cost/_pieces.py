@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ilattice._field import as_boxes
+from ilattice._field import as_boxes, hessians
 from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_numbers, as_points
@@ -182,6 +182,20 @@ class _BeamDistance(Stackable):
     def values(self, points: FloatArray) -> FloatArray:
         """Values (n,) at points (n, 3)."""
         return _Distances(self.rows[:, None]).values(np.zeros(1, np.int64), points[None])[0]
+
+    def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Values (n,), gradients (n, 3) and, for order 2, Hessians by differences of these."""
+        value, slope = self._first(points)
+        if order == 1:
+            return value, slope
+        return value, slope, hessians(lambda p: self._first(p)[1], points)
+
+    def _first(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values (n,) and gradients (n, 3) of the nearest beams."""
+        near = [_tangent(row[None], points[None]) for row in self.rows]
+        value, slope = (np.stack([pair[k][0] for pair in near]) for k in range(2))
+        nearest, each = value.argmin(axis=0), np.arange(len(points))
+        return value[nearest, each], slope[nearest, each]
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """Bounds (n, 2) on boxes."""

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._field import hessians
 from ilattice._geometry import CORNERS, grid_indices, least_step
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array
@@ -296,14 +297,7 @@ class _Distance(Whole):
         f, g = self._first(points)
         if order == 1:
             return f, g
-        step = 1e-5 * max(1.0, float(np.abs(points).max(initial=0.0)))
-        rows = []
-        for axis in range(3):
-            e = np.zeros(3)
-            e[axis] = step
-            rows.append((self._first(points + e)[1] - self._first(points - e)[1]) / (2.0 * step))
-        H = np.stack(rows, axis=1)
-        return f, g, 0.5 * (H + H.transpose(0, 2, 1))
+        return f, g, hessians(lambda p: self._first(p)[1], points)
 
     def _first(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         inner = self.part.program.jets(points, 1)

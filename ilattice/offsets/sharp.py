@@ -10,7 +10,7 @@ within `BAND` of what the spline changes by over a span there: where a map squee
 long along directions in which the distance hardly changes.
 Non-guarantees: some points at kinks are missed, where the gradient has length 1 by chance; values
 jump where exact ones take over, by the error of the spline there; derivatives are those of the
-spline.
+spline, and so are values that come with them.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class SharpDistance(Field):
         return s
 
     def jet(self, u: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
-        """Value, and derivatives of the spline: `order` + 1 of them."""
+        """Value; with derivatives all of the spline, so that they are of one function."""
         return (self(u),) if order == 0 else self.spline.jet(u, order)
 
     def breaks(self, axis: int) -> FloatArray:

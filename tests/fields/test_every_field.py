@@ -150,8 +150,8 @@ EXAMPLES = {
     "TrigField": (lambda: il.tiles["gyroid"].field, {}),
 }  # fmt: skip
 #: Fields of which derivatives are no limits of differences: those of a spline, where values are
-#: exact; none, as only values and bounds of pieces are asked for.
-WITHOUT_DERIVATIVES = ("SharpDistance", "_BeamDistance")
+#: exact.
+WITHOUT_DERIVATIVES = ("SharpDistance",)
 
 
 def classes():
