@@ -234,6 +234,11 @@ class Field(Shown):
         return self.has("range")
 
     @property
+    def approximation(self) -> Any:
+        """A spline near the field, which integrals of walls take in its place, or None."""
+        return None
+
+    @property
     def shown_box(self) -> FloatArray:
         """Box (2, 3) in which pictures show the field, perhaps infinite."""
         return np.asarray(self.bounds, np.float64)

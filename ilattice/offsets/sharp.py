@@ -64,6 +64,11 @@ class SharpDistance(Field):
         return self.domain
 
     @property
+    def approximation(self) -> BSpline:
+        """The spline."""
+        return self.spline
+
+    @property
     def domain(self) -> FloatArray:
         """The parameter domain, shape (2, 3)."""
         return self.spline.domain

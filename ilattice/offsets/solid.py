@@ -148,6 +148,11 @@ class TileField(Field):
 
     # ------------------------------------------------------------------ the spline
 
+    @property
+    def approximation(self) -> BSpline:
+        """The spline."""
+        return self.spline
+
     @cached_property
     def spline(self) -> BSpline:
         """Spline with nearly the same zero set, for what is integrated or solved on."""

@@ -83,7 +83,7 @@ class WallField(Field):
     def sums(self) -> tuple[tuple[Any, ...], FloatArray]:
         """Splines, and factors (2, splines) by which the two level sets are sums of them."""
         t = self.thickness
-        distance = getattr(self.distance, "spline", self.distance)
+        distance = self.distance.approximation or self.distance
         if t.symmetric:
             return (distance, t.outer), np.array([[1.0, -1.0], [-1.0, -1.0]])
         factors = np.array([[1.0, -1.0, 0.0], [-1.0, 0.0, -1.0]])
