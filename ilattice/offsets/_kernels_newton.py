@@ -59,9 +59,11 @@ CLOSE, PART = 0.1, 0.5
 #: and the distance, less so many such steps, exceeds the known one by this part of the spacing or
 #: of that distance. Chosen, like those above, without a study of their own.
 SETTLING, STEPS_LEFT, FARTHER = 0.3, 2.0, 0.1
-#: The last step of all converges if it is shorter than this part of the spacing; one before it
-#: only below the next part, and where its square in tile coordinates is less than the last number.
-AT_END, ROUGH, ROUGH_SQUARE = 1e-3, 3e-5, 1e-9
+#: The last step of all converges if it is shorter than this part of the spacing, and its square in
+#: tile coordinates less than the next number: across tiles that a map squeezes, any step is short.
+AT_END, AT_END_SQUARE = 1e-3, 1e-6
+#: One before it converges only below the first part, and where the square is less than the other.
+ROUGH, ROUGH_SQUARE = 3e-5, 1e-9
 #: Feet are asked for as sharply as usual where they are farther than the spacing over this number;
 #: nearer ones more sharply, by the root of what is missing, down to this part.
 USUAL, SHARPEST = 1e4, 1e-4
@@ -374,9 +376,10 @@ def converged(size, last, d, dist, it, h, tol):
     next step can be told from the last two. Where det J = 0, a step may be long in tiles and
     bend away from J d.
     """
+    square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     if it == MAX_ITERATIONS - 1:
-        return size <= AT_END * h
-    if size > ROUGH * h or d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > ROUGH_SQUARE:
+        return size <= AT_END * h and square <= AT_END_SQUARE
+    if size > ROUGH * h or square > ROUGH_SQUARE:
         return False
     sharp = h * max(min(1.0, np.sqrt(USUAL * max(dist - size, 0.0) / h)), SHARPEST)
     if size <= tol * sharp or (it > LATE and size <= LINEAR * sharp):

@@ -38,7 +38,7 @@ TOLERANCE = 1e-7
 #: Seeds per tile and direction: at least this many, and this many per period of the finest wave.
 MIN_SEEDS, SEEDS_PER_WAVE = 8, 6
 #: Tiles that are longer along one direction get up to this many times the seeds along it.
-MAX_REFINED = 4
+MAX_REFINED = 8
 #: Half the factor by which a continuation may stretch tiles until they get more seeds.
 STRETCHED = 0.75
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per

@@ -94,6 +94,17 @@ def test_feet_next_to_faces_lie_on_the_surface():
     assert np.abs(nc.tile_jet("gyroid", foot)[0]).max() < 1e-8
 
 
+@pytest.mark.parametrize(("tile", "repeat"), [("schwarz_p", (2, 2, 1)), ("frd", (1, 3, 1))])
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_feet_in_a_thin_tail_lie_on_the_surface(tile, repeat):
+    """Tiles there are a few hundred times as long as they are high: all is near in space."""
+    lattice = il.Lattice(tile, through=il.macroshape.wing(), repeat=repeat, boundary="clip")
+    u = np.random.default_rng(0).random((6000, 3)) * (0.03, 1.0, 1.0) + (0.97, 0.0, 0.0)
+    found = lattice.closest(u)
+    assert np.abs(lattice.implicit(found.u)[found.status < 2]).max() < 1e-6
+    assert (found.status >= 2).sum() < 0.01 * len(u)
+
+
 def test_critical_points_of_the_tile_are_no_feet():
     """At the corners of the domain grad I = 0, and a step from there goes nowhere."""
     lattice = nc.lattice_of("duck", "primitive", "clip")

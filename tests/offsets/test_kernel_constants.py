@@ -227,13 +227,12 @@ def short_distances_are_sharp():
     assert max(off) < 3e-4, f"off by {max(off)}"
 
 
-def what_has_not_converged_is_told():
-    """Some starts at the tip take more steps than there are."""
-    space = space_of(ellipsoid, 2)
-    for start in starts_at_the_tip():
-        p, _, _, status = foot_of(space, (0.5, 0.5, 0.9 + 1e-8), start)
-        off = np.linalg.norm(np.subtract(p, (0.5, 0.5, 0.9)))
-        assert status != newton.OK or off < 1e-3, f"off by {off}"
+def the_last_step_of_all_is_short():
+    """Neither long in space nor, however short there, through a third of a squeezed tile."""
+    ends = partial(newton.converged, dist=0.1, it=newton.MAX_ITERATIONS - 1, h=0.1, tol=1e-7)
+    assert ends(1e-6, 1e-6, (0.0, 0.0, 1e-5))
+    assert not ends(1e-3, 1e-3, (0.0, 0.0, 1e-4)), "long in space"
+    assert not ends(1e-6, 1e-6, (0.0, 0.0, 0.3)), "long in tiles"
 
 
 # ---------------------------------------------------------------- several starts
@@ -413,7 +412,8 @@ CASES = [
     ("_kernels_newton", "STEPS_LEFT", -INF, feet_next_to_a_known_one_are_reached, "status"),
     ("_kernels_newton", "FARTHER", -1.0, feet_next_to_a_known_one_are_reached, "status"),
     ("_kernels_newton", "ROUNDING", 0.0, corners_beside_the_query_are_no_feet, "corner"),
-    ("_kernels_newton", "AT_END", INF, what_has_not_converged_is_told, "off by"),
+    ("_kernels_newton", "AT_END", INF, the_last_step_of_all_is_short, "long in space"),
+    ("_kernels_newton", "AT_END_SQUARE", INF, the_last_step_of_all_is_short, "long in tiles"),
     ("_kernels_newton", "ROUGH", INF, feet_are_sharp, "off by"),
     ("_kernels_newton", "ROUGH_SQUARE", INF, feet_are_where_singular_maps_lead, "is not"),
     ("_kernels_newton", "USUAL", INF, short_distances_are_sharp, "off by"),
