@@ -84,8 +84,8 @@ class Wall(OffsetSolid):
             Length of edges; by default a quarter of the least total thickness, or a twentieth of a
             tile, whichever is less, and where vertices are off then, volume is lost or bends are
             cut off, a fifth or a sixth of the thickness. Where it is more than two thirds of that,
-            the mesh is made from the mid-surface, moved to both sides: edges may be longer than
-            the wall is thick by any factor.
+            the mesh is made from the mid-surface, moved to both sides: edges may be much longer
+            than the wall is thick, up to where it bends within one.
         polish : bool
             Move the vertices of the offset surfaces onto the exact offset by closest points.
             Parametric walls have none; theirs are moved onto the first-order one.
