@@ -151,8 +151,8 @@ class Rows:
                 f"a rule of about {expected:.1g} points, and one sorted",
                 "use fewer cells, a smaller q or a part of the solid: a thin beam takes points in "
                 "proportion to its length over its radius; of a function whose faces cross within "
-                "cells, make a union or an intersection of fields; edges of solids take many in smooth "
-                "unions and intersections (radius > 0), and few in sharp ones",
+                "cells, make a union or an intersection of fields; edges of solids take many in "
+                "smooth unions and intersections (radius > 0), and few in sharp ones",
             )
             self._resize(min(int(1.03 * self.count / done) + 1, 2 * self.count))
         kernels.gather(len(used), arena, room, starts, used, *self.arrays)
