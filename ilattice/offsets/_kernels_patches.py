@@ -38,7 +38,8 @@ ACROSS = 0.9
 #: A seed stands for the patch of a foot that is so near to it, in spacings and in parts of the
 #: distance, whichever is less; or where the foot is within the third number of spacings of the
 #: seed, or a part of one from its tangent plane below the query, and the way from foot to query is
-#: along the normal to the last part. Chosen without a study of their own.
+#: along the normal to the last part. Chosen without a study of their own. Where cells are squeezed
+#: the third number counts in cells, too: a spacing may hold several folds of a sheet.
 BESIDE, BESIDE_FAR, WIDE, PLANE, ALONG = 0.2, 0.5, 1.2, 0.5, 0.7
 #: How far below its upper faces a tile ends whose neighbours meet it in creases.
 BELOW = 1e-12
@@ -221,6 +222,17 @@ def added(geom, sp, sx, sn, sh, s, out, i, count):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def same_cells(sn, s, y, feet, i):
+    """Whether the foot in row i is in the cells around the seed s, which is at y."""
+    d0, d1, d2 = feet[i, IMAGE] - y[0], feet[i, IMAGE + 1] - y[1], feet[i, IMAGE + 2] - y[2]
+    for k in range(3):
+        b0, b1, b2 = sn[s, PLAIN + 3 * k], sn[s, PLAIN + 3 * k + 1], sn[s, PLAIN + 3 * k + 2]
+        if abs(b0 * d0 + b1 * d1 + b2 * d2) > WIDE:
+            return False
+    return True
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     """Whether the patch of seed s is that of the foot in row i: near to it, and facing x alike.
 
@@ -239,6 +251,8 @@ def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     foot = (x[0] - a * sn[s, 0], x[1] - a * sn[s, 1], x[2] - a * sn[s, 2])
     near = row_near(feet, i, IMAGE, y, WIDE * h) or row_near(feet, i, IMAGE, foot, PLANE * h)
     if not near:
+        return False
+    if sn.shape[1] > PLAIN and not same_cells(sn, s, y, feet, i):
         return False
     v = (x[0] - feet[i, IMAGE], x[1] - feet[i, IMAGE + 1], x[2] - feet[i, IMAGE + 2])
     turn = v[0] * sn[s, 0] + v[1] * sn[s, 1] + v[2] * sn[s, 2]

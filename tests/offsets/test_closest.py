@@ -105,6 +105,15 @@ def test_feet_in_a_thin_tail_lie_on_the_surface(tile, repeat):
     assert (found.status >= 2).sum() < 0.01 * len(u)
 
 
+def test_folds_within_the_spacing_of_seeds_are_searched():
+    """Of tiles of 13 x 33 x 1437, against minima from close samples of the surface."""
+    box = il.macroshape.box((26.26770515, 33.37872207, 1437.49673449))
+    lattice = il.Lattice("split_p", through=box, repeat=(2, 1, 1), boundary="clip")
+    u = [[0.20568725, 0.44187698, 0.90616236], [0.95446999, 0.64708581, 0.9844642]]
+    distance = np.abs(lattice.search.query(u).distance)
+    np.testing.assert_array_less(distance, np.array([1.8336742, 2.3948779]) * (1 + 1e-7))
+
+
 def test_critical_points_of_the_tile_are_no_feet():
     """At the corners of the domain grad I = 0, and a step from there goes nowhere."""
     lattice = nc.lattice_of("duck", "primitive", "clip")
