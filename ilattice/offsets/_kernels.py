@@ -41,6 +41,7 @@ from ilattice.offsets._kernels_patches import (
     added,
     alike,
     in_reach,
+    narrowness,
     outside,
     piece,
     reachable,
@@ -213,6 +214,7 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
                 continue
             used |= 1 << a
             start = (sp[s, 0], sp[s, 1], sp[s, 2])
+            narrow = narrowness(sn, s)
         else:
             if status == FALLBACK or soft > LOOSE:  # firm: next to it there is no other foot
                 break
@@ -222,13 +224,14 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
             )  # fmt: skip
             bounded(geom, box, False, room)
             start = clamp(start, room)
+            narrow = 1.0
         whole = ends or creased
         freed = whole
         held = bounded(geom, box, whole, room)
         if creased:  # derivatives jump between tiles: no step may cross
             piece(geom, start, room)
         while True:
-            firm = 1.0 if soft > LOOSE and status == OK else LOOSER
+            firm = narrow if soft > LOOSE and status == OK else LOOSER
             if status != FALLBACK and across(geom, start, (feet[i, 0], feet[i, 1], feet[i, 2])):
                 firm = 0.0
             foot = newton(space, x, start, known_foot(feet, i, firm), held, h, tol, work)

@@ -260,6 +260,18 @@ def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def narrowness(sn, s):
+    """Shortest side of the cell of the seed s by its longest one, which is its spacing."""
+    if sn.shape[1] == PLAIN:
+        return 1.0
+    low, high = np.inf, 0.0
+    for k in range(PLAIN, PLAIN + 9, 3):
+        b = sn[s, k] * sn[s, k] + sn[s, k + 1] * sn[s, k + 1] + sn[s, k + 2] * sn[s, k + 2]
+        low, high = min(low, b), max(high, b)
+    return np.sqrt(low / high) if high > 0.0 else 1.0
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def seed_distance(sx, s, x):
     """Distance of x to seed s."""
     return np.sqrt((x[0] - sx[s, 0]) ** 2 + (x[1] - sx[s, 1]) ** 2 + (x[2] - sx[s, 2]) ** 2)
