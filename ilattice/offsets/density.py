@@ -42,6 +42,8 @@ TOGETHER = 128
 #: Numbers of Gauss points that are tried, and the error of the volume of whole tiles, as a part,
 #: that is small enough: that of the volume of walls is about as large.
 POINTS, MISSED = (2, 3, 4, 6, 8), 5e-5
+#: Cells are first joined, so many along each direction: on these, points integrate no better.
+JOINED = 4
 
 
 def tile_volumes(lattice: Tiling) -> FloatArray:
@@ -110,11 +112,11 @@ def _integrated(grid: CutGrid, lattice: Tiling, q: int | None) -> tuple[CutGrid,
     bent = _with_planes(grid, [through.bends(a) for a in range(3)])
     if q is not None:
         return bent, q
-    if _missed(bent, lattice, POINTS[0]) <= MISSED:
+    if any(_missed(axes, lattice, POINTS[0]) <= MISSED for axes in _joined(bent, lattice)):
         return bent, POINTS[0]
     split, missed = _with_planes(grid, [through.spline.breaks(a) for a in range(3)]), np.inf
     for points in POINTS:
-        missed = _missed(split, lattice, points)
+        missed = _missed(split.grid.axes, lattice, points)
         if missed <= MISSED:
             return split, points
     warnings.warn(
@@ -126,14 +128,31 @@ def _integrated(grid: CutGrid, lattice: Tiling, q: int | None) -> tuple[CutGrid,
     return split, POINTS[-1]
 
 
-def _missed(grid: CutGrid, lattice: Tiling, points: int) -> float:
-    """Largest error of the volume of a tile by rules of so many points on cells, as a part."""
-    axes, through = grid.grid.axes, lattice.through
+def _joined(grid: CutGrid, lattice: Tiling) -> list[Sequence[FloatArray]]:
+    """Planes between `JOINED` cells each, if tiles end at planes of cells, and those of all cells.
+
+    Planes at which tiles end or the map bends are among both.
+    """
+    axes, joined = grid.grid.axes, []
+    for a, (x, tiles) in enumerate(zip(axes, _tile_planes(axes, lattice), strict=True)):
+        if len(with_planes(x, tiles)) > len(x):
+            return [axes]
+        joined.append(with_planes(with_planes(tiles, lattice.through.bends(a)), x[::JOINED]))
+    return [joined, axes]
+
+
+def _tile_planes(axes: Sequence[FloatArray], lattice: Tiling) -> list[FloatArray]:
+    """Planes between the tiles between the first and the last plane of cells, and these."""
     lo, hi = lattice.domain
-    tiles = [
+    return [
         with_planes(x[[0, -1]], np.linspace(lo[a], hi[a], lattice.repeat[a] + 1))
         for a, x in enumerate(axes)
     ]
+
+
+def _missed(axes: Sequence[FloatArray], lattice: Tiling, points: int) -> float:
+    """Largest error of the volume of a tile by rules of so many points on cells, as a part."""
+    through, tiles = lattice.through, _tile_planes(axes, lattice)
     found = through.box_volumes(axes, points=points, split=False)
     for a, (x, t) in enumerate(zip(axes, tiles, strict=True)):
         middles = 0.5 * (x[:-1] + x[1:])
