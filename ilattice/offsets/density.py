@@ -42,8 +42,8 @@ TOGETHER = 128
 #: Numbers of Gauss points that are tried, and the error of the volume of whole tiles, as a part,
 #: that is small enough: that of the volume of walls is about as large.
 POINTS, MISSED = (2, 3, 4, 6, 8), 5e-5
-#: Cells are first joined, so many along each direction: on these, points integrate no better.
-JOINED = 4
+#: Cells are first joined, so many along each direction: on these points integrate no better.
+JOINED = 2
 
 
 def tile_volumes(lattice: Tiling) -> FloatArray:
