@@ -22,6 +22,7 @@ import numpy as np
 from ilattice._field import Field
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_points
+from ilattice.bspline.knots import find_spans, wrap
 from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
@@ -167,7 +168,5 @@ def _greatest(values: FloatArray, width: int, axis: int) -> FloatArray:
 
 def span_of(spline: BSpline, u: FloatArray) -> tuple[IntArray, ...]:
     """Numbers (n,), along each axis, of the first coefficients that count at parameters (n, 3)."""
-    return tuple(
-        np.clip(np.searchsorted(t, u[:, a], "right") - 1, k, n - 1) - k
-        for a, (t, k, n) in enumerate(zip(spline.t, spline.k, spline.shape, strict=True))
-    )
+    rows = zip(spline.t, spline.k, u.T, spline.periodic, strict=True)
+    return tuple(find_spans(t, k, wrap(x, t, k) if closed else x) - k for t, k, x, closed in rows)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.offsets.sharp import SharpDistance
+from ilattice.offsets.sharp import SharpDistance, changes, span_of
 
 
 @pytest.fixture(scope="module")
@@ -49,3 +49,18 @@ def test_kinks_next_to_eroded_solids_are_exact():
     exact, spline, value = lattice.distance(u), wall.distance(u), sharp(u)
     wrong = [((f < -0.23) != (exact < -0.23)).mean() for f in (spline, value)]
     assert wrong[1] < 0.3 * wrong[0]
+
+
+def test_changes_bound_those_of_the_spline_over_a_span():
+    """Tiles are some six times as long as high: most of the distance changes across."""
+    wall = il.Lattice("gyroid", through=il.macroshape.torus(4.0, 2.0), repeat=(2, 1, 1)).offset(0.1)
+    spline, (lo, hi) = wall.distance, wall.lattice.domain
+    u = lo + np.random.default_rng(4).random((4000, 3)) * (hi - lo)
+    found = changes(spline)[span_of(spline, u)]
+    span = np.array([np.diff(spline.breaks(a)).max() for a in range(3)])
+    slope = np.linalg.norm(spline.jet(u, 1)[1] * span, axis=1)
+    assert (slope <= found * (1 + 1e-9)).all()
+    assert np.median(found / slope) < 3.0
+    shifted = u + np.array(wall.lattice.through.closed) * (hi - lo)
+    for a, b in zip(span_of(spline, u), span_of(spline, shifted), strict=True):
+        assert (a == b).mean() > 0.99  # but for rounding at planes
