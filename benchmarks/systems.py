@@ -14,6 +14,7 @@ from scipy.sparse import bsr_array
 
 from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray
+from ilattice.linalg.symmetric import Symmetric
 
 SAMPLES = 6
 #: Weight of the void in cut cells: some hold fewer samples than it takes to be stiff.
@@ -27,7 +28,7 @@ class System:
 
     Attributes
     ----------
-    K : bsr_array, shape (n, n)
+    K : bsr_array, shape (n, n), or Symmetric
         Stiffness of the free nodes, blocks 3 x 3 (or 1 x 1 for heat).
     f : ndarray, shape (n,)
         Loads.
@@ -74,6 +75,7 @@ def system(
     heat: bool = False,
     hanging: bool = False,
     seed: int = 1,
+    half: bool = False,
 ) -> System:
     """Elasticity, or heat, on the cells of a lattice under a body load (0, 0, -0.2).
 
@@ -95,6 +97,8 @@ def system(
         Keep parts that do not hang together by faces.
     seed : int
         Of the slivers.
+    half : bool
+        Make the blocks of K on and right of the diagonal only, as analyses do.
 
     Returns
     -------
@@ -117,13 +121,16 @@ def system(
     number[free] = np.arange(free.sum())
     m = 1 if heat else 3
     counts = np.zeros(int(free.sum()) + 1, np.int32)
-    _fill(number, kind, scale, matrices, m, counts, np.empty(0, np.int32), np.empty((0, m, m)))
+    cells_of = (number, kind, scale, matrices, half, m)
+    _fill(*cells_of, counts, np.empty(0, np.int32), np.empty((0, m, m)))
     offsets = np.cumsum(counts, dtype=np.int32)
     columns = np.empty(offsets[-1], np.int32)
     blocks = np.empty((offsets[-1], m, m))
-    _fill(number, kind, scale, matrices, m, offsets, columns, blocks)
+    _fill(*cells_of, offsets, columns, blocks)
     n = m * (len(offsets) - 1)
-    K = bsr_array((blocks, columns, offsets), shape=(n, n))
+    K = Symmetric(offsets, columns, blocks) if half else (
+        bsr_array((blocks, columns, offsets), shape=(n, n))
+    )  # fmt: skip
     coordinates = np.argwhere(free) / per_tile
     return System(
         K, _load(fractions[kind] * scale, free, per_tile, m), modes(coordinates, m), coordinates
@@ -212,7 +219,15 @@ def _load(fraction: FloatArray, free: AnyArray, per_tile: int, m: int) -> FloatA
 
 @njit(cache=True, parallel=True)
 def _fill(
-    number: Any, kind: Any, scale: Any, matrices: Any, m: int, offsets: Any, columns: Any, out: Any
+    number: Any,
+    kind: Any,
+    scale: Any,
+    matrices: Any,
+    half: bool,
+    m: int,
+    offsets: Any,
+    columns: Any,
+    out: Any,
 ) -> None:
     """Count (without `columns`) or write the blocks of every row."""
     n0, n1, n2 = kind.shape
@@ -227,7 +242,7 @@ def _fill(
                 for a in range(max(i - 1, 0), min(i + 2, n0 + 1)):
                     for b in range(max(j - 1, 0), min(j + 2, n1 + 1)):
                         for c in range(max(k - 1, 0), min(k + 2, n2 + 1)):
-                            if number[a, b, c] < 0:
+                            if number[a, b, c] < (row if half else 0):
                                 continue
                             shared = False
                             if not counting:

@@ -213,12 +213,13 @@ def incidence(dofs: Any, n: int) -> Any:
 @in_ranges(1)
 @outer(nogil=True)
 def count_columns(
-    begin: int, end: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int,
-    count: Any,
+    begin: int, end: int, half: bool, start: Any, where: Any, owner: Any, first: Any, dofs: Any,
+    chunks: int, count: Any,
 ) -> None:  # fmt: skip
     """Number of nodes that share an element with each node, itself included.
 
-    Items are the `chunks` that nodes are cut into, each with scratch of their number.
+    With `half` only of those that are not before it. Items are the `chunks` that nodes are cut
+    into, each with scratch of their number.
     """
     n = len(start) - 1
     mark = np.full(n, -1, np.int32)
@@ -228,7 +229,7 @@ def count_columns(
             for i in range(start[r], start[r + 1]):
                 e = owner[where[i]]
                 for j in range(first[e], first[e + 1]):
-                    if mark[dofs[j]] != r:
+                    if mark[dofs[j]] != r and (dofs[j] >= r or not half):
                         mark[dofs[j]] = r
                         found += 1
             count[r] = found
@@ -237,8 +238,8 @@ def count_columns(
 @in_ranges(1)
 @outer(nogil=True)
 def list_columns(
-    begin: int, end: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int,
-    indptr: Any, indices: Any,
+    begin: int, end: int, half: bool, start: Any, where: Any, owner: Any, first: Any, dofs: Any,
+    chunks: int, indptr: Any, indices: Any,
 ) -> None:  # fmt: skip
     """The nodes that `count_columns` counts, increasing."""
     n = len(start) - 1
@@ -249,7 +250,7 @@ def list_columns(
             for i in range(start[r], start[r + 1]):
                 e = owner[where[i]]
                 for j in range(first[e], first[e + 1]):
-                    if mark[dofs[j]] != r:
+                    if mark[dofs[j]] != r and (dofs[j] >= r or not half):
                         mark[dofs[j]] = r
                         indices[at] = dofs[j]
                         at += 1
@@ -299,7 +300,7 @@ def fill(
     """Add the matrices A[slot[e]] of all elements e with slot[e] >= 0 to data (blocks, m, m).
 
     `start` and `indptr` are those from the first row on that they add to; no row is longer than
-    `reach`, gaps included.
+    `reach`, gaps included. What is left of the first column of a row is not kept.
     """
     at = np.empty(reach, np.int64)
     for r in range(begin, end):
@@ -314,8 +315,9 @@ def fill(
                         at[indices[k] - left] = k
                 a = where[i] - first[e]
                 for j in range(first[e], first[e + 1]):
-                    to = at[dofs[j] - left]
-                    add_block(kind, A, slot[e], a, j - first[e], p, q, data, to)
+                    if dofs[j] >= left:
+                        to = at[dofs[j] - left]
+                        add_block(kind, A, slot[e], a, j - first[e], p, q, data, to)
 
 
 # ---------------------------------------------------------------------------------- reduction

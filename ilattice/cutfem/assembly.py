@@ -9,10 +9,8 @@ caller, once.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from scipy.sparse import bsr_array
 
 from ilattice._geometry import grid_points
 from ilattice._memory import need
@@ -23,6 +21,7 @@ from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.space import IDENTITY, SplineSpace
 from ilattice.cutfem.stabilise import GhostFaces, LoneCells, Stiffness
 from ilattice.errors import InputError
+from ilattice.linalg.symmetric import Symmetric
 from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.grid import DividedGrid
 from ilattice.quadrature.rules import Quadrature, compressed_cells, in_space, some_cells
@@ -47,6 +46,8 @@ class Pattern(Frozen):
 
     Attributes
     ----------
+    half : bool
+        Whether rows have the columns on and right of the diagonal only.
     start, where : ndarray
         The places of node i in `dofs` are where[start[i]:start[i + 1]].
     owner : ndarray
@@ -59,6 +60,7 @@ class Pattern(Frozen):
         Compressed rows, with increasing columns.
     """
 
+    half: bool
     start: IntArray
     where: IntArray
     owner: AnyArray
@@ -68,7 +70,7 @@ class Pattern(Frozen):
     indices: AnyArray
 
     @classmethod
-    def of(cls, groups: list[AnyArray], n: int) -> "Pattern":
+    def of(cls, groups: list[AnyArray], n: int, *, half: bool = True) -> "Pattern":
         """Pattern of elements, given as arrays (elements, nodes), on n nodes."""
         dofs = np.concatenate([g.ravel() for g in groups]).astype(np.int32)
         sizes = np.concatenate([np.full(len(g), g.shape[1]) for g in groups])
@@ -76,11 +78,12 @@ class Pattern(Frozen):
         owner = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
         start, where = kernels.incidence(dofs, n)
         count = np.zeros(n, np.int64)
-        kernels.count_columns(CHUNKS, start, where, owner, first, dofs, CHUNKS, count)
+        elements = (half, start, where, owner, first, dofs, CHUNKS)
+        kernels.count_columns(CHUNKS, *elements, count)
         indptr = np.append(0, np.cumsum(count)).astype(np.int32)
         indices = np.empty(indptr[-1], np.int32)
-        kernels.list_columns(CHUNKS, start, where, owner, first, dofs, CHUNKS, indptr, indices)
-        return cls(start, where, owner, first, dofs, indptr, indices)
+        kernels.list_columns(CHUNKS, *elements, indptr, indices)
+        return cls(half, start, where, owner, first, dofs, indptr, indices)
 
     @cached_property
     def _reach(self) -> int:
@@ -103,10 +106,11 @@ class Pattern(Frozen):
             slot, self._reach, self.indptr[low:], self.indices, A, p, q, data,
         )  # fmt: skip
 
-    def matrix(self, data: FloatArray) -> Any:
-        """The sparse matrix of blocks (count, m, m)."""
-        n, m = len(self.start) - 1, data.shape[1]
-        return bsr_array((data, self.indices, self.indptr), shape=(n * m, n * m))
+    def matrix(self, data: FloatArray) -> Symmetric:
+        """The symmetric matrix of blocks (count, m, m), of a pattern that is one half."""
+        assert self.half
+        offsets, columns = (np.require(a, requirements="W") for a in (self.indptr, self.indices))
+        return Symmetric(offsets, columns, data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +129,8 @@ class Assembly(Frozen):
         Cells in which what is beyond linear is penalised.
     seam : Quadrature or None
         Rule in space on the surface between phases, by pairs of elements, which couple there.
+    half : bool
+        Whether matrices are symmetric, and their upper halves are made only.
     """
 
     space: SplineSpace
@@ -132,15 +138,17 @@ class Assembly(Frozen):
     ghost: GhostFaces | None = None
     lone: LoneCells | None = None
     seam: Quadrature | None = None
+    half: bool = True
 
     @cached_property
     def pattern(self) -> Pattern:
         """Couplings through cells, and through ghost faces where there are any."""
         couplings = float((2 * self.space.degree + 1) ** 3) * len(self.space)
+        couplings *= 0.5 if self.half else 1.0
         need(8.0 * couplings, _told(self.space, 1), "use fewer cells, or a lower degree")
         faces = self.ghost.dofs(self.space) if self.ghost is not None else []
         pairs = np.concatenate([self.space.dofs[at] for at in self.sides], axis=1)
-        return Pattern.of([self.space.dofs, *faces, pairs], len(self.space))
+        return Pattern.of([self.space.dofs, *faces, pairs], len(self.space), half=self.half)
 
     @cached_property
     def sides(self) -> tuple[IntArray, IntArray]:

@@ -22,6 +22,7 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
 from ilattice.cutfem.domain import Domain
 from ilattice.errors import InputError
+from ilattice.linalg.symmetric import Symmetric
 from ilattice.quadrature.rules import NAMES
 
 #: Values that two supports prescribe for one node are the same up to this part of the largest.
@@ -56,7 +57,7 @@ class Constraints(Frozen):
 
         Parameters
         ----------
-        K : bsr_array
+        K : bsr_array or Symmetric
             Square blocks, sorted columns.
         diagonal : bool
             Whether the rows of prescribed components keep their diagonal entry, as a stiffness
@@ -64,31 +65,34 @@ class Constraints(Frozen):
 
         Returns
         -------
-        bsr_array
+        bsr_array or Symmetric
             On the free nodes, in their order.
         """
         if not self.fixed.any():
             return K
+        half = isinstance(K, Symmetric)
+        given = (K.offsets, K.columns, K.blocks) if half else (K.indptr, K.indices, K.data)
         nodes, fixed = self.nodes.copy(), self.fixed.copy()  # read-only ones are of another type
         m = fixed.shape[1]
         place = np.full(len(self.fixed), -1, np.int32)
         place[nodes] = np.arange(len(nodes))
         count = np.zeros(len(nodes), np.int64)
-        kernels.count_free(len(nodes), K.indptr, K.indices, nodes, place, count)
+        kernels.count_free(len(nodes), *given[:2], nodes, place, count)
         indptr = np.append(0, np.cumsum(count)).astype(np.int32)
         columns, data = np.empty(indptr[-1], np.int32), np.empty((indptr[-1], m, m))
         kernels.take_free(
-            len(nodes), K.indptr, K.indices, K.data, nodes, place, fixed, diagonal, indptr,
-            columns, data,
+            len(nodes), *given, nodes, place, fixed, diagonal, indptr, columns, data
         )  # fmt: skip
+        if half:
+            return Symmetric(indptr, columns, data)
         return bsr_array((data, columns, indptr), shape=(m * len(nodes), m * len(nodes)))
 
-    def split(self, K: Any) -> "Split":
+    def split(self, K: Symmetric) -> "Split":
         """The matrix on free nodes, and what it leaves out; K itself need not be kept.
 
         Parameters
         ----------
-        K : bsr_array
+        K : Symmetric
             As in `reduce`.
 
         Returns
@@ -98,12 +102,12 @@ class Constraints(Frozen):
         """
         if not self.fixed.any():
             return Split(K, None, self)
-        kept, touched = self._marks(K.indptr, K.indices)
+        kept, touched = self._marks(K.offsets, K.columns)
         free = self.reduce(K)
-        rest = K.data[touched]
-        rest[kept[touched]] -= free.data[touched[kept]]
-        rows = np.append(0, np.cumsum(touched))[K.indptr].astype(K.indptr.dtype)
-        return Split(free, bsr_array((rest, K.indices[touched], rows), shape=K.shape), self)
+        rest = K.blocks[touched]
+        rest[kept[touched]] -= free.blocks[touched[kept]]
+        rows = np.append(0, np.cumsum(touched))[K.offsets].astype(K.offsets.dtype)
+        return Split(free, bsr_array((rest, K.columns[touched], rows), shape=K.shape), self)
 
     def _marks(self, indptr: AnyArray, indices: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Which blocks are on free nodes, and which have something prescribed."""
@@ -130,36 +134,46 @@ class Split(Frozen):
 
     Attributes
     ----------
-    free : bsr_array
+    free : Symmetric
         On the free nodes; see `Constraints.reduce`.
     rest : bsr_array or None
-        On all nodes, what is missing in `free`; None where nothing is prescribed.
+        On all nodes, blocks on and right of the diagonal of what is missing in `free`; None where
+        nothing is prescribed.
     constraints : Constraints
         What is prescribed.
     """
 
-    free: Any
+    free: Symmetric
     rest: Any
     constraints: Constraints
+
+    @cached_property
+    def _right(self) -> Any:
+        """`rest` without its diagonal blocks."""
+        rows = np.repeat(np.arange(len(self.rest.indptr) - 1), np.diff(self.rest.indptr))
+        right = self.rest.indices > rows
+        offsets = np.append(0, np.cumsum(right))[self.rest.indptr]
+        kept = self.rest.data[right], self.rest.indices[right], offsets
+        return bsr_array(kept, shape=self.rest.shape)
 
     def times(self, c: FloatArray) -> FloatArray:
         """The product with coefficients (n, m), of the same shape."""
         if self.rest is None:
-            return np.asarray(self.free @ c.ravel()).reshape(c.shape)
-        nodes = self.constraints.nodes
-        out = np.asarray(self.rest @ c.ravel()).reshape(c.shape)
+            return (self.free @ c.ravel()).reshape(c.shape)
+        nodes, flat = self.constraints.nodes, c.ravel()
+        out = np.asarray(self.rest @ flat + self._right.T @ flat).reshape(c.shape)
         out[nodes] += (self.free @ c[nodes].ravel()).reshape(-1, c.shape[1])
         return out
 
-    def whole(self, indptr: AnyArray, indices: AnyArray) -> Any:
+    def together(self, offsets: AnyArray, columns: AnyArray) -> Symmetric:
         """The matrix again, to the bit, on its pattern of blocks."""
         if self.rest is None:
             return self.free
-        kept, touched = self.constraints._marks(indptr, indices)
-        data = np.zeros((len(indices), *self.free.blocksize))
-        data[kept] = self.free.data
+        kept, touched = self.constraints._marks(offsets, columns)
+        data = np.zeros((len(columns), self.free.size, self.free.size))
+        data[kept] = self.free.blocks
         data[touched] += self.rest.data
-        return bsr_array((data, indices, indptr), shape=self.rest.shape)
+        return Symmetric(offsets, columns, data)
 
 
 def layer(domain: Domain, asm: Assembly, name: str) -> AnyArray:

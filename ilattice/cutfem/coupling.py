@@ -75,12 +75,13 @@ def add_projected(
         asm.add_pairs(data, pairs.start, A)
 
 
-def add_waves(data: FloatArray, problem: Pointwise) -> None:
+def add_waves(data: FloatArray, problem: Pointwise, whole: Assembly) -> None:
     """Add what waves exp(i k x) v change of that to blocks (3, blocks, 3, 3): i k_j data[j].
 
-    Their gradients grad v + i k v make up mean tractions, too; matrices are skew.
+    Their gradients grad v + i k v make up mean tractions, too; matrices are skew, so that `whole`
+    is not one of halves.
     """
-    asm, rule, _ = _surface(problem.assembly)
+    asm, rule, _ = _surface(whole)
     of, both, nb = tractions(problem), (rule, upper(rule)), asm.space.dofs.shape[1]
     for pairs, rows in _batches(rule, 3 * (6 * nb) ** 2):
         values = [

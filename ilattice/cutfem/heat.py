@@ -263,9 +263,8 @@ class Heat(Problem):
         asm, con = self.assembly, self.constraints
         size = float(con.values.nbytes + PER_STEP)
         need(size * steps, f"{steps} steps of {size:.3g} bytes each", "use fewer steps")
-        M, K = self._capacity, self.matrix
-        data = M.data + theta * dt * K.data
-        A = asm.pattern.matrix(data)
+        M, K = self._capacity, self._stiffness
+        A = asm.pattern.matrix(M.blocks + theta * dt * K.blocks)
         solver = Solver(
             con.reduce(A), near_nullspace=self.system.near_nullspace, method=method,
             coordinates=self.system.coordinates,
@@ -292,7 +291,7 @@ class Heat(Problem):
 
     def _transient_error(self, c: FloatArray) -> tuple[float, float]:
         """See `discretization` and `integration`, of the temperature at one time."""
-        K = self.system.K
+        K = self.system.half
         energy = self._energy_of(lambda x: K @ x, c)
         splines = self._discretization_error(lambda x: K @ x, c, energy)
         return splines, self._rules_error(c, energy)

@@ -20,6 +20,7 @@ from ilattice.cutfem.conditions import Known, Load, Support
 from ilattice.cutfem.jumps import CALM, warn_of_jump
 from ilattice.cutfem.overlaps import loads_at
 from ilattice.cutfem.pointwise import Pointwise, Terms
+from ilattice.linalg.symmetric import Symmetric
 from ilattice.quadrature.rules import Quadrature
 
 
@@ -34,13 +35,21 @@ class Integrals(Pointwise):
 
     @property
     def matrix(self) -> Any:
-        """Stiffness with stabilization, springs and weak supports, before anything is fixed."""
-        made = self._held.get("matrix")  # which another thread may take out
+        """Stiffness with stabilization, springs and weak supports, before anything is fixed.
+
+        The whole `bsr_array` is put together at every call: the house keeps one half of it.
+        """
+        return self._stiffness.whole()
+
+    @property
+    def _stiffness(self) -> Symmetric:
+        """See `matrix`."""
+        made: Symmetric | None = self._held.get("matrix")  # which another thread may take out
         if made is None:
             made = self._held["matrix"] = self._matrix()
         return made
 
-    def _matrix(self) -> Any:
+    def _matrix(self) -> Symmetric:
         asm, law = self.assembly, self.law
         data, jump = asm.zeros(self.m), CALM
         uniform = all(phase.constant for phase in law.phases)
@@ -65,7 +74,7 @@ class Integrals(Pointwise):
     def unfollowed(self) -> float:
         """Part of an energy that a material which jumps or waves within cells may take."""
         if "unfollowed" not in self._held:
-            _ = self.matrix
+            _ = self._stiffness
         return float(self._held.get("unfollowed", 0.0))
 
     def forces(self) -> FloatArray:

@@ -28,7 +28,6 @@ from ilattice.cutfem.pointwise import FluxOn, Terms
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
 from ilattice.errors import InputError, PrecisionWarning
-from ilattice.linalg.multigrid import Blocks
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Poisson's ratio with which errors of solids that keep their volume are measured.
@@ -156,7 +155,7 @@ class ElasticOperators(Problem):
         data = asm.zeros(3)
         d = self._scalar_at(rho, rule.points, asm.owners(rule))[:, None]
         asm.add_cells(data, rule, kernels.MASS, d)
-        return asm.pattern.matrix(data)
+        return asm.pattern.matrix(data).whole()
 
     def _geometric_stiffness(self, stress_on: FluxOn) -> Any:
         """The stiffness by the stress of a solution on all functions."""
@@ -164,7 +163,7 @@ class ElasticOperators(Problem):
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
         asm.add_cells(data, rule, kernels.TENSOR, stress_on(rule))
-        return asm.pattern.matrix(data)
+        return asm.pattern.matrix(data).whole()
 
     # ---------------------------------------------------------------- supports
 
@@ -405,11 +404,10 @@ class ElasticOperators(Problem):
             self._held["soft"] = like
         like = self._held["soft"]
         K = like._reduced()
-        blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)
 
         def times(x: FloatArray) -> FloatArray:
             y = np.empty_like(x)
-            blocks.multiply(x, y, 0)
+            K.multiply(x, y, 0)
             return y
 
         return Problem._discretization_error(like, times, c, energy)

@@ -25,6 +25,7 @@ from ilattice.cutfem.pointwise import FluxOn
 from ilattice.errors import InputError
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
+from ilattice.linalg.symmetric import Symmetric
 
 R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
@@ -42,8 +43,8 @@ class System(Frozen):
 
     Attributes
     ----------
-    K : bsr_array
-        Symmetric matrix of blocks.
+    half : Symmetric
+        Matrix of blocks, of which one half is kept.
     b : ndarray, shape (n,)
         Right-hand side.
     near_nullspace : ndarray, shape (n, k)
@@ -54,11 +55,16 @@ class System(Frozen):
         What is prescribed, to go back to all coefficients.
     """
 
-    K: Any
+    half: Symmetric
     b: FloatArray
     near_nullspace: FloatArray
     coordinates: FloatArray
     constraints: Constraints
+
+    @property
+    def K(self) -> Any:
+        """The whole matrix as a `bsr_array`, put together at every call."""
+        return self.half.whole()
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -142,21 +148,21 @@ class Problem(Integrals):
         """Refuse equations that are not all of the problem."""
 
     @property
-    def matrix(self) -> Any:
-        """Stiffness with stabilization, springs and weak supports, before anything is fixed.
+    def _stiffness(self) -> Symmetric:
+        """See `matrix`.
 
-        Once there is a `system`, it is put together again at every call, from that and what that
-        leaves out: one of both takes most of the memory that an analysis needs.
+        Once there is a `system`, it is put together from that and what that leaves out: one of both
+        takes most of the memory that an analysis needs.
         """
         if "split" not in self._held:
-            return super().matrix
+            return super()._stiffness
         pattern = self.assembly.pattern
-        return self._held["split"].whole(pattern.indptr, pattern.indices)
+        return self._held["split"].together(pattern.indptr, pattern.indices)
 
     @property
     def _split(self) -> Split:
         if "split" not in self._held:
-            self._held["split"] = self.constraints.split(self.matrix)
+            self._held["split"] = self.constraints.split(self._stiffness)
             self._held.pop("matrix", None)
         made: Split = self._held["split"]
         return made
@@ -165,7 +171,7 @@ class Problem(Integrals):
         """The matrix times coefficients (functions, m)."""
         return self._split.times(c)
 
-    def _reduced(self) -> Any:
+    def _reduced(self) -> Symmetric:
         return self._split.free
 
     def prepare(self, progress: Progress = None, *, held: bool = False) -> None:
@@ -256,7 +262,7 @@ class Problem(Integrals):
         key = ("solver", method)
         if key not in self._held:
             self._held[key] = Solver(
-                system.K, near_nullspace=system.near_nullspace, method=method,
+                system.half, near_nullspace=system.near_nullspace, method=method,
                 coordinates=system.coordinates,
             )  # fmt: skip
         if not system.b.any():

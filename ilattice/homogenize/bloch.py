@@ -139,7 +139,7 @@ def bloch(
             "cells"
         )
     kept = 16.0 * unknowns * ((len(way.fractions) + MAX_VECTORS) * (count + GUARD) + FULL)
-    kept += 5 * 72.0 * len(cell.assembly.pattern.indices)  # blocks of one wave vector and by axes
+    kept += 5 * 72.0 * len(cell.matrix.indices)  # blocks of one wave vector and by axes
     need(kept, f"{count} waves of {unknowns} unknowns", "use fewer cells, or a smaller count")
     search = Search(cell, count, method, tol, most)
     return _bands(search, way, search.along(way.reduced(), progress), modes, begin)

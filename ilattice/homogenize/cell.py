@@ -47,6 +47,8 @@ ROUNDING = 1e-13
 #: Parts of a relaxed energy that coarser cells seem to miss and are rounding, and that rounding
 #: leaves in a property at least.
 UNSEEN, ROUNDED = 1e-11, 1e-12
+#: Part of a property above which what rounding leaves is no longer told but refused.
+DROWNED = 0.5
 #: Factor between materials up to which cells are solved for in double precision.
 CONTRAST = 1e9
 #: Unknowns up to which a factor is faster than multigrid; steps from which on it takes over.
@@ -493,14 +495,15 @@ class CellProblem(Problem):
         return np.where(there, lost / np.where(there, values, 1.0), 0.0)
 
     def warn_of_error(self, error: float, what: str, rounding: float = 0.0) -> None:
-        """Warn of a property that is off, and by how much of rounding, both relative."""
+        """Warn of a property that is off, and by how much of rounding, or refuse it; relative."""
+        message = (
+            f"phases are too different: what is left of rounding is about {100 * rounding:.2g} % "
+            f"of the least entry of {what}; let them differ by {CONTRAST:g} or less"
+        )
+        if rounding > DROWNED:
+            raise ConvergenceError(message)
         if rounding > WARNED and not error > rounding:
-            warnings.warn(
-                f"phases are too different: what is left of rounding is about {100 * rounding:.2g} "
-                f"% of the least entry of {what}; let them differ by {CONTRAST:g} or less",
-                PrecisionWarning,
-                stacklevel=outside(),
-            )
+            warnings.warn(message, PrecisionWarning, stacklevel=outside())
             return
         step = self.domain.degree - self.domain.smoothness
         least = max(4, 1 + (self.domain.interface is not None) - -(self.domain.degree + 1) // step)
@@ -518,9 +521,9 @@ class CellProblem(Problem):
         key, system = ("solver", method), self.system
         if key not in self._held:
             if method == "auto":
-                method = "superlu" if system.K.shape[0] <= SMALL else "multigrid"
+                method = "superlu" if system.half.shape[0] <= SMALL else "multigrid"
             self._held[key] = Solver(
-                system.K, near_nullspace=system.near_nullspace, method=method,
+                system.half, near_nullspace=system.near_nullspace, method=method,
                 coordinates=system.coordinates,
             )  # fmt: skip
         solver: Solver = self._held[key]
@@ -528,7 +531,7 @@ class CellProblem(Problem):
 
     def _part_missed(self, c: FloatArray, energy: float) -> float:
         """Estimated part of twice an energy that finer cells would add; nothing is held."""
-        asm, K = self.assembly, self.matrix
+        asm, K = self.assembly, self._stiffness
         levels = self.domain.once(
             ("coarser", asm.space), lambda: discretization.Levels(asm.space, asm.nodes_of)
         )  # as `Problem` keeps them

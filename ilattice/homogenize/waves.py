@@ -12,7 +12,7 @@ consistent as the first.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,7 @@ from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._eigen import Map, Vectors, each_part
 from ilattice.homogenize.elastic import ElasticCell
-from ilattice.linalg.multigrid import Blocks
+from ilattice.linalg.blocks import Blocks
 from ilattice.linalg.solvers import Solver
 
 #: Unknowns up to which a factor is the better preconditioner.
@@ -78,6 +78,16 @@ class BlochCell(ElasticCell):
         return Constraints(np.zeros(shape, bool), np.zeros(shape), np.full(shape, -1))
 
     @cached_property
+    def matrix(self) -> Any:
+        """The whole stiffness without waves, which those of waves share the pattern of."""
+        return self._stiffness.whole()
+
+    @cached_property
+    def _both(self) -> Assembly:
+        """Of matrices that are not symmetric."""
+        return replace(self.assembly, half=False)
+
+    @cached_property
     def edges(self) -> FloatArray:
         """Edges (3, 3) of the cell as columns."""
         box = np.ptp(self.domain.cut.grid.domain, axis=0)
@@ -119,7 +129,7 @@ class BlochCell(ElasticCell):
         Where the material varies, its values are in the integrals, and the stiffnesses are those of
         units: of λ and of μ, or of the 21 entries of a matrix.
         """
-        asm, phases = self.assembly, self.material.phases
+        asm, phases = self._both, self.material.phases
         out: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
         uniform = all(m.constant for m in phases)
         only = 1 if self.domain.interface is None else 2
@@ -139,15 +149,15 @@ class BlochCell(ElasticCell):
     @cached_property
     def _seam(self) -> FloatArray | None:
         """What couples two phases, per direction of k (3, blocks, 3, 3)."""
-        if self.assembly.seam is None:
+        if self._both.seam is None:
             return None
-        data = np.stack([self.assembly.zeros(3) for _ in range(3)])
-        coupling.add_waves(data, self)
+        data = np.stack([self._both.zeros(3) for _ in range(3)])
+        coupling.add_waves(data, self, self._both)
         return data
 
     def _linear(self, k: FloatArray) -> FloatArray:
         """Blocks of the real, skew matrix that i times is the linear part of the stiffness."""
-        flat = np.zeros((len(self.assembly.pattern.indices), 9))
+        flat = np.zeros((len(self.matrix.indices), 9))
         for C, a, b, _ in self._terms:
             flat += a @ np.einsum("ipjq,q->pij", C, k).reshape(3, 9)
             flat -= b @ np.einsum("ipjq,p->qij", C, k).reshape(3, 9)
@@ -158,7 +168,7 @@ class BlochCell(ElasticCell):
 
     def _square(self, k: FloatArray, other: FloatArray) -> FloatArray:
         """Blocks of the quadratic part, as a symmetric function of two vectors."""
-        out = np.zeros((len(self.assembly.pattern.indices), 9))
+        out = np.zeros((len(self.matrix.indices), 9))
         for C, _, _, c in self._terms:
             one = np.einsum("ipjq,p,q->ij", C, k, other)
             out += np.outer(c, 0.5 * (one + one.T))

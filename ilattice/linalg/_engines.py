@@ -13,13 +13,14 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from scipy.sparse import bsr_array, csr_array, diags_array, triu
+from scipy.sparse import csr_array, diags_array, triu
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from ilattice._typing import FloatArray
 from ilattice.errors import ConvergenceError, InputError
-from ilattice.linalg.multigrid import Blocks, Multigrid
+from ilattice.linalg.multigrid import Multigrid
+from ilattice.linalg.symmetric import Symmetric
 
 Engine = Callable[[FloatArray], FloatArray]
 #: Length of K⁻¹ b for unit b and a unit diagonal above which K counts as singular.
@@ -39,23 +40,18 @@ LIMIT = 2e8
 
 
 def multigrid(
-    K: bsr_array, modes: FloatArray, coordinates: FloatArray | None = None
+    K: Symmetric, modes: FloatArray, coordinates: FloatArray | None = None
 ) -> tuple[Engine, int]:
     """Our own smoothed aggregation, and the bytes it takes."""
-    # kernels are compiled for arrays that may be written to
-    offsets, columns, data = (
-        np.require(a, requirements="W") for a in (K.indptr, K.indices, K.data)
-    )
-    blocks = Blocks(offsets, columns, data, K.shape[0] // K.blocksize[0])
-    engine = Multigrid(blocks, modes, coordinates)
+    engine = Multigrid(K, modes, coordinates)
     return engine, engine.nbytes
 
 
-def superlu(K: bsr_array, *_: Any) -> tuple[Engine, int]:
+def superlu(K: Symmetric, *_: Any) -> tuple[Engine, int]:
     """SciPy's SuperLU for symmetric matrices, without pivoting."""
     d = 1 / np.sqrt(_positive_diagonal(K))
     try:
-        lu = _factor(K, d)
+        lu = _factor(K.whole(), d)
     except RuntimeError as e:
         raise ConvergenceError(f"K is singular: SuperLU says '{e}'. {REMEDY}") from e
     except MemoryError as e:
@@ -83,11 +79,11 @@ def definite(A: Any) -> bool:
     return bool((lu.U.diagonal() > 0).all())
 
 
-def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
+def pardiso(K: Symmetric, *_: Any) -> tuple[Engine, int]:
     """MKL's PARDISO for positive definite matrices, by pypardiso."""
     module = _optional("pypardiso.pardiso_wrapper", "pardiso")
     d = 1 / np.sqrt(_positive_diagonal(K))
-    upper = triu(diags_array(d) @ K.tocsr() @ diags_array(d), format="csr")
+    upper = triu(diags_array(d) @ K.whole().tocsr() @ diags_array(d), format="csr")
     upper = csr_array(upper)
     upper.sort_indices()
     solver = module.PyPardisoSolver(mtype=2)
@@ -99,14 +95,13 @@ def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
     return engine, 1024 * int(solver.get_iparm(17))
 
 
-def pyamg(K: bsr_array, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
+def pyamg(K: Symmetric, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
     """Smoothed aggregation with block Gauss-Seidel by pyamg."""
     module = _optional("pyamg", "fem")
     _positive_diagonal(K)
-    size = K.blocksize[0]
-    smoother = ("block_gauss_seidel" if size > 1 else "gauss_seidel", {"sweep": "symmetric"})
+    smoother = ("block_gauss_seidel" if K.size > 1 else "gauss_seidel", {"sweep": "symmetric"})
     ml = module.smoothed_aggregation_solver(
-        K, B=modes, presmoother=smoother, postsmoother=smoother, max_coarse=500
+        K.whole(), B=modes, presmoother=smoother, postsmoother=smoother, max_coarse=500
     )
     operator = ml.aspreconditioner()
     held = sum(12 * level.A.nnz for level in ml.levels)
@@ -120,51 +115,51 @@ REMEDY = (
 )
 
 
-def choose(K: bsr_array, coordinates: FloatArray | None = None) -> str:
+def choose(K: Symmetric, coordinates: FloatArray | None = None) -> str:
     """The engine that is likely to be the fastest."""
     size = factor_size(K)
     if size <= MEDIUM and find_spec("pypardiso"):
         return "pardiso"
     if SMALL < size <= SLOW_SMALL:
-        far = len(K.indices) >= FAR * (K.shape[0] // K.blocksize[0])
+        far = K.couplings >= FAR * K.rows
         slow = far or (coordinates is not None and stretch(K, coordinates) > STRETCHED)
         return "superlu" if slow else "multigrid"
     return "superlu" if size <= SMALL else "multigrid"
 
 
-def stretch(K: bsr_array, coordinates: FloatArray) -> float:
+def stretch(K: Symmetric, coordinates: FloatArray) -> float:
     """How much longer than thin the clouds of coupled nodes are, in the median of some."""
-    n = len(K.indptr) - 1
+    offsets, columns, _ = K.graph()
     ratios = []
-    for i in np.unique(np.linspace(0, n - 1, SAMPLE).astype(np.int64)):
-        near = coordinates[K.indices[K.indptr[i] : K.indptr[i + 1]]]
+    for i in np.unique(np.linspace(0, K.rows - 1, SAMPLE).astype(np.int64)):
+        near = coordinates[columns[offsets[i] : offsets[i + 1]]]
         extents = np.linalg.svd(near - near.mean(axis=0), compute_uv=False)
         ratios.append(extents[0] / max(extents[-1], 1e-9 * extents[0]) if extents[0] > 0 else 1.0)
     return float(np.median(ratios))
 
 
-def factor_size(K: bsr_array) -> float:
+def factor_size(K: Symmetric) -> float:
     """Estimate of the numbers in a Cholesky factor of K.
 
     The lesser of what an ordering by levels gives (slender parts) and the growth with n^(4/3) of
     nested dissection in three dimensions (blocks), whose separators are the thicker the farther
     nodes couple. Beyond LIMIT it is not refined.
     """
-    n, m = K.shape[0], K.blocksize[0]
+    n, m, nodes = K.shape[0], K.size, K.rows
     if 4.0 * n > LIMIT or K.nnz > LIMIT:
         return float(K.nnz)
-    nodes = n // m
-    graph = csr_array((np.ones(len(K.indices), np.int8), K.indices, K.indptr), shape=(nodes,) * 2)
+    offsets, columns, _ = K.graph()
+    graph = csr_array((np.ones(len(columns), np.int8), columns, offsets), shape=(nodes,) * 2)
     order = reverse_cuthill_mckee(graph, symmetric_mode=True)
     place = np.empty(nodes, np.int64)
     place[order] = np.arange(nodes)
-    first = np.minimum.reduceat(place[K.indices], K.indptr[:-1])
+    first = np.minimum.reduceat(place[columns], offsets[:-1])
     levels = m * m * float((place - np.minimum(first, place) + 1).sum())
-    layers = max(len(K.indices) / (27 * nodes), 1.0) ** (1 / 3)
+    layers = max(len(columns) / (27 * nodes), 1.0) ** (1 / 3)
     return min(levels, 20.0 * n ** (4 / 3) * layers**2)
 
 
-def _positive_diagonal(K: bsr_array) -> FloatArray:
+def _positive_diagonal(K: Symmetric) -> FloatArray:
     diagonal = K.diagonal()
     if not diagonal.min() > 0:
         i = int(np.argmin(diagonal))

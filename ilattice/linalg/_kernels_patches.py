@@ -47,7 +47,10 @@ def invert(
     first: int, last: int, offsets: Any, columns: Any, blocks: Any, starts: Any, members: Any,
     where: Any, out: Any,
 ) -> None:  # fmt: skip
-    """Inverses, from out[where[p]] on, of the matrices of the nodes of every patch p."""
+    """Inverses, from out[where[p]] on, of the matrices of the nodes of every patch p.
+
+    Blocks on and right of the diagonal are given, and nodes of a patch ascend.
+    """
     m = blocks.shape[1]
     for p in range(first, last):
         nodes = members[starts[p] : starts[p + 1]]
@@ -55,11 +58,11 @@ def invert(
         D = np.zeros((n, n))
         for i in range(len(nodes)):
             for k in range(offsets[nodes[i]], offsets[nodes[i] + 1]):
-                for j in range(i + 1):
+                for j in range(i, len(nodes)):
                     if columns[k] == nodes[j]:
                         for a in range(m):
                             for b in range(m):
-                                D[m * i + a, m * j + b] = blocks[k, a, b]
+                                D[m * j + b, m * i + a] = blocks[k, a, b]
         cholesky(D, MIN_PIVOT)
         unit = np.zeros(n)
         x = np.empty(n)

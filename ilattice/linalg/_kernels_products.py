@@ -65,6 +65,7 @@ def product(
     end: int,
     a_offsets: Any,
     a_columns: Any,
+    which: Any,
     a_blocks: Any,
     b_offsets: Any,
     b_columns: Any,
@@ -77,7 +78,8 @@ def product(
 ) -> None:
     """Rows of A B with known columns, blocks len(S[0]) square times len(S[0]) x len(S[1]).
 
-    The first of `blocks` is number offsets[0].
+    Block k of A is a_blocks[which[k]], or a_blocks[~which[k]] transposed if that is negative. The
+    first of `blocks` is number offsets[0].
     """
     L, R = S
     n = len(a_offsets) - 1
@@ -89,8 +91,13 @@ def product(
                 clear(blocks, at, L, R)
             for k in range(a_offsets[i], a_offsets[i + 1]):
                 j = a_columns[k]
+                w = which[k]
                 for e in range(b_offsets[j], b_offsets[j + 1]):
-                    add_product(blocks, slot[b_columns[e]], a_blocks, k, b_blocks, e, L, L, R)
+                    at = slot[b_columns[e]]
+                    if w >= 0:
+                        add_product(blocks, at, a_blocks, w, b_blocks, e, L, L, R)
+                    else:
+                        add_product_transposed(blocks, at, a_blocks, ~w, b_blocks, e, L, L, R)
 
 
 @in_ranges(GRAIN)
@@ -153,37 +160,3 @@ def galerkin(
                         continue
                     e0 = e - base
                     add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e0, R, L, R)
-
-
-@outer(error_model="numpy")
-def mirror(
-    u_offsets: Any, u_columns: Any, u_blocks: Any, L: Any, offsets: Any, columns: Any, blocks: Any
-) -> None:
-    """The whole symmetric matrix from its blocks on and right of the diagonal.
-
-    `offsets` (n + 1) are those of the whole. Diagonal entries that are zero become one.
-    """
-    p = len(L)
-    n = len(u_offsets) - 1
-    to = offsets[:-1].copy()
-    for top in range(n):
-        for k in range(u_offsets[top], u_offsets[top + 1]):
-            J = u_columns[k]
-            at = to[top]
-            to[top] += 1
-            columns[at] = J
-            if J == top:
-                for a in range(p):
-                    for b in range(a, p):
-                        blocks[at, a, b] = u_blocks[k, a, b]
-                        blocks[at, b, a] = u_blocks[k, a, b]
-                    if blocks[at, a, a] == 0.0:
-                        blocks[at, a, a] = 1.0
-                continue
-            blocks[at] = u_blocks[k]
-            at = to[J]
-            to[J] += 1
-            columns[at] = top
-            for a in range(p):
-                for b in range(p):
-                    blocks[at, b, a] = u_blocks[k, a, b]

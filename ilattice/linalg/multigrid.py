@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,8 @@ from ilattice.linalg import _kernels_blocks as kb
 from ilattice.linalg import _kernels_multigrid as km
 from ilattice.linalg import _kernels_patches as kp
 from ilattice.linalg import _kernels_products as kq
-from ilattice.linalg._kernels_rows import LANES
+from ilattice.linalg.blocks import Blocks, offsets_of, product_pattern
+from ilattice.linalg.symmetric import Graph, Symmetric
 
 #: Unknowns of the last level, at most, and when coarsening no longer helps.
 COARSEST, DENSE = 900, 4000
@@ -50,8 +50,8 @@ FAR = 2.0
 #: Nodes hang on each other if their coupling, of a matrix with ones in its diagonal, is above this
 #: (Frobenius norm); a patch has as many nodes at most.
 TIED, PATCH = 0.6, 16
-#: Blocks of a product that is not kept whole, made at a time: some 300 MB of 3 x 6 numbers.
-BATCH = 2_000_000
+#: Blocks of a product that is not kept whole, made at a time: some 70 MB of 3 x 6 numbers.
+BATCH = 500_000
 #: Steps of Lanczos' method for a largest eigenvalue: what they miss is within `SAFETY`.
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
@@ -62,108 +62,13 @@ SINGULAR = 1e-10
 ONE = np.float32(1)
 
 
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """Sparse matrix of blocks (k, m, p), rows as in the BSR format."""
-
-    offsets: AnyArray
-    columns: AnyArray
-    blocks: AnyArray
-    width: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of scalar rows and columns."""
-        return self.blocks.shape[1] * self.rows, self.blocks.shape[2] * self.width
-
-    @property
-    def rows(self) -> int:
-        """Number of block rows."""
-        return len(self.offsets) - 1
-
-    @cached_property
-    def sizes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Tuples of the lengths of a block, which tell the compiler its size."""
-        return (0,) * self.blocks.shape[1], (0,) * self.blocks.shape[2]
-
-    @cached_property
-    def transposed(self) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """Offsets of the columns, and the row and the index of each of their blocks."""
-        order = np.argsort(self.columns, kind="stable").astype(np.int32)
-        rows = np.repeat(np.arange(self.rows, dtype=np.int32), np.diff(self.offsets))
-        counts = np.bincount(self.columns, minlength=self.width)
-        return _offsets(counts), rows[order], order
-
-    def multiply(self, x: AnyArray, y: AnyArray, sign: float) -> None:
-        """y += sign A x, or y = A x for sign 0; vectors (n,), or in rows (r, n)."""
-        matrix, s = (self.offsets, self.columns, self.blocks), y.dtype.type(sign)
-        for rows, given, out in _together(x, y):
-            product = kb.multiply_eight if rows else kb.multiply
-            product(self.rows, *matrix, given, out, s, *self.sizes)
-
-    def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
-        """y = Aᵀ x; vectors (n,), or in rows (r, n)."""
-        for rows, given, out in _together(x, y):
-            product = kb.multiply_eight_transposed if rows else kb.multiply_transposed
-            product(self.width, *self.transposed, self.blocks, given, out, *self.sizes)
-
-    def times(self, other: Blocks) -> Blocks:
-        """The product, of the type of `other`."""
-        offsets, columns = self.pattern(other)
-        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
-        self.rows_times(other, 0, self.rows, offsets, columns, blocks)
-        return Blocks(offsets, columns, blocks, other.width)
-
-    def pattern(self, other: Blocks) -> tuple[AnyArray, AnyArray]:
-        """Offsets and columns of the product."""
-        return _pattern(self.offsets, self.columns, other.offsets, other.columns, other.width)
-
-    def rows_times(
-        self, other: Blocks, first: int, last: int, offsets: AnyArray, columns: AnyArray,
-        blocks: AnyArray,
-    ) -> None:  # fmt: skip
-        """Blocks of some rows of the product, whose pattern is known."""
-        kq.product(
-            kq.PARTS, self.offsets[first : last + 1], self.columns, self.blocks, other.offsets,
-            other.columns, other.blocks, other.width, other.sizes, offsets[first : last + 1],
-            columns, blocks,
-        )  # fmt: skip
-
-
-def _pattern(
-    a_offsets: AnyArray, a_columns: AnyArray, b_offsets: AnyArray, b_columns: AnyArray,
-    width: int, *, half: bool = False,
-) -> tuple[AnyArray, AnyArray]:  # fmt: skip
-    """Offsets and columns of a product, counted first; see `_kernels_products.pattern`."""
-    both = (a_offsets, a_columns, b_offsets, b_columns, width, half)
-    starts, none = np.zeros(len(a_offsets), np.int64), np.empty(0, np.int32)
-    kq.pattern(kq.PARTS, *both, starts, none)
-    starts = np.cumsum(starts)
-    columns = np.empty(starts[-1], np.int32)
-    kq.pattern(kq.PARTS, *both, starts, columns)
-    return starts.astype(np.int32), columns
-
-
-def _together(x: AnyArray, y: AnyArray) -> Iterator[tuple[bool, AnyArray, AnyArray]]:
-    """Vectors of x and y: one by itself, or eight side by side (n, 8) and their rows of y."""
-    x, y = np.atleast_2d(x), np.atleast_2d(y)
-    for first in range(0, len(x), LANES):
-        some = x[first : first + LANES]
-        if len(x) == 1:
-            yield False, np.ascontiguousarray(some[0]), y[first]
-        else:
-            beside = np.empty((x.shape[1], LANES), x.dtype)
-            kb.side_by_side(len(beside), some, beside)
-            yield True, beside, y[first : first + LANES]
-
-
 class Multigrid:
     """Hierarchy of a stiffness matrix, applied as ``z = multigrid(r)``.
 
     Parameters
     ----------
-    K : Blocks
-        Symmetric, square blocks (m, m), double precision.
+    K : Symmetric
+        Double precision.
     modes : array_like, shape (n, p)
         Near-nullspace: modes with little energy, such as the rigid-body modes.
     coordinates : ndarray, shape (nodes, 3), optional
@@ -177,24 +82,29 @@ class Multigrid:
         If a combination of the modes has no stiffness: K is singular.
     """
 
-    def __init__(self, K: Blocks, modes: FloatArray, coordinates: FloatArray | None = None) -> None:
+    def __init__(
+        self, K: Symmetric, modes: FloatArray, coordinates: FloatArray | None = None
+    ) -> None:
         self.levels: list[_Level] = []
         A, B, x = K, modes, coordinates
         factors, inverses = _block_factors(A)
-        self.scaling = inverses.copy()  # without the factors, which are beside them
+        self.scaling = inverses
         while A.shape[0] > COARSEST:
             scaled = _scaled(A, inverses, np.float32)
-            strength = np.empty(len(A.columns), np.float32)
-            km.strengths(A.offsets, A.columns, scaled.blocks, A.sizes[0], strength)
-            patches = _patches(scaled, strength)
+            strength = _strengths(scaled)
+            patches, graph = _patches(scaled, strength), A.graph()
+            strength = strength[graph.blocks]
             rho = _largest_eigenvalue(scaled, patches)
             B = _multiply_blocks(factors, B, True, np.empty_like(B))
-            home, count = _aggregates(scaled, strength, x, WEAK_COARSE if self.levels else WEAK)
-            P, B = _prolongation(scaled, B, rho, home, count)
+            weak = A.size * (WEAK_COARSE if self.levels else WEAK) ** 2
+            home, count = _aggregates(graph, strength, x, weak)
+            P, B = _prolongation(scaled, graph, B, rho, home, count)
             x = None if x is None else _means(x, home, count)
             if P.width > 0.7 * A.rows:
                 break
-            A = _galerkin(A, inverses, P)
+            del strength, factors, home, scaled  # which would be beside products of three matrices
+            coarse = _galerkin(A, graph, inverses, P)
+            scaled, A = _scaled(A, inverses, np.float32), coarse
             factors, inverses = _block_factors(A)
             kb.scale_columns(len(P.columns), P.columns, P.blocks, inverses, P.sizes)
             self.levels.append(_Level(scaled, P, patches, SAFETY * rho))
@@ -266,7 +176,7 @@ class _Level:
     `rho` is a bound of the eigenvalues after multiplication by the inverses of the patches.
     """
 
-    A: Blocks
+    A: Symmetric
     P: Blocks
     patches: _Patches
     rho: float
@@ -283,10 +193,11 @@ class _Level:
                 self.A.multiply(z, r, -1)
 
 
-def _block_factors(A: Blocks) -> tuple[FloatArray, FloatArray]:
-    factors, inverses = np.empty((2, A.rows, *A.blocks.shape[1:]))
+def _block_factors(A: Symmetric) -> tuple[FloatArray, FloatArray]:
+    shape = (A.rows, *A.blocks.shape[1:])
+    factors, inverses = np.empty(shape), np.empty(shape)  # not views of one that is kept with both
     state = np.empty(A.rows, np.uint8)
-    kb.factors(A.rows, A.offsets, A.columns, A.blocks, A.sizes[0], factors, inverses, state)
+    kb.factors(A.rows, A.offsets, A.columns, A.blocks, A.L, factors, inverses, state)
     if (state == 2).any():
         i = int(np.argmax(state == 2))
         raise InputError(
@@ -301,17 +212,22 @@ def _multiply_blocks(A: FloatArray, x: AnyArray, transposed: bool, y: AnyArray) 
     return y
 
 
-def _scaled(A: Blocks, inverses: FloatArray, dtype: Any) -> Blocks:
+def _scaled(A: Symmetric, inverses: FloatArray, dtype: Any) -> Symmetric:
     out = np.empty(A.blocks.shape, dtype)
-    kb.scaled(A.rows, A.offsets, A.columns, A.blocks, inverses, A.sizes[0], out)
-    return Blocks(A.offsets, A.columns, out, A.width)
+    kb.scaled(A.rows, A.offsets, A.columns, A.blocks, inverses, A.L, out)
+    return Symmetric(A.offsets, A.columns, out)
 
 
-def _patches(A: Blocks, strength: AnyArray) -> _Patches:
+def _strengths(A: Symmetric) -> AnyArray:
+    out = np.empty(len(A.columns), np.float32)
+    km.strengths(A.offsets, A.columns, A.blocks, A.L, out)
+    return out
+
+
+def _patches(A: Symmetric, strength: AnyArray) -> _Patches:
     """Nodes that hang on each other, the closest ties first."""
     tied = np.flatnonzero(strength > TIED**2)
     rows = (np.searchsorted(A.offsets, tied, side="right") - 1).astype(np.int32)
-    tied, rows = tied[rows < A.columns[tied]], rows[rows < A.columns[tied]]
     order = np.argsort(-strength[tied], kind="stable")
     first = np.empty(A.rows, np.int32)
     kp.join(rows[order], A.columns[tied[order]], PATCH, first)
@@ -320,13 +236,13 @@ def _patches(A: Blocks, strength: AnyArray) -> _Patches:
     members = inside[np.argsort(first[inside], kind="stable")]
     sizes = size[size > 1]
     where = np.concatenate([[0], np.cumsum((A.blocks.shape[1] * sizes) ** 2)])
-    out = _Patches(_offsets(sizes), members, where, np.empty(where[-1]))
+    out = _Patches(offsets_of(sizes), members, where, np.empty(where[-1]))
     matrix = (A.offsets, A.columns, A.blocks)
     kp.invert(len(sizes), *matrix, out.starts, members, where, out.inverses)
     return out
 
 
-def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
+def _largest_eigenvalue(A: Symmetric, patches: _Patches) -> float:
     """Estimate from below, for M A, M the inverses of the patches, by steps of Lanczos' method."""
     n, m = A.shape[0], A.blocks.shape[1]
     before, beta = np.zeros(n, np.float32), 0.0
@@ -352,21 +268,29 @@ def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
 
 
 def _aggregates(
-    A: Blocks, strength: AnyArray, coordinates: FloatArray | None, least: float
+    graph: Graph, strength: AnyArray, coordinates: FloatArray | None, weak: float
 ) -> tuple[AnyArray, int]:
-    """Aggregate of every node, -1 for nodes without couplings, and their number."""
-    strong = np.empty(len(A.columns), np.bool_)
-    bound = least**2 * A.blocks.shape[1]
-    matrix = (A.offsets, A.columns)
-    top = np.empty(A.rows, np.float32)
-    km.greatest(A.rows, A.offsets, strength, top)
-    km.mark_strong(A.rows, *matrix, strength, top, bound, STRONG**2, strong)
+    """Aggregate of every node, -1 for nodes without couplings, and their number.
+
+    They are in the order of their first nodes, so that couplings are between near numbers.
+    """
+    strong, rows = np.empty(len(graph.columns), np.bool_), len(graph.offsets) - 1
+    matrix = (graph.offsets, graph.columns)
+    top = np.empty(rows, np.float32)
+    km.greatest(rows, graph.offsets, strength, top)
+    km.mark_strong(rows, *matrix, strength, top, weak, STRONG**2, strong)
     if coordinates is not None:
-        near = np.empty(A.rows)
-        km.nearest(A.rows, *matrix, coordinates, strong, near)
-        km.unmark_far(A.rows, *matrix, coordinates, near, FAR**2, strong)
-    home = np.empty(A.rows, np.int32)
-    return home, km.aggregate(A.offsets, A.columns, strength, strong, home)
+        near = np.empty(rows)
+        km.nearest(rows, *matrix, coordinates, strong, near)
+        km.unmark_far(rows, *matrix, coordinates, near, FAR**2, strong)
+    home = np.empty(rows, np.int32)
+    count = km.aggregate(*matrix, strength, strong, home)
+    inside = np.flatnonzero(home >= 0)
+    first, number = np.empty((2, count), np.int32)
+    first[home[inside[::-1]]] = inside[::-1]
+    number[np.argsort(first)] = np.arange(count)
+    home[inside] = number[home[inside]]
+    return home, count
 
 
 def _means(coordinates: FloatArray, home: AnyArray, count: int) -> FloatArray:
@@ -378,47 +302,38 @@ def _means(coordinates: FloatArray, home: AnyArray, count: int) -> FloatArray:
 
 
 def _prolongation(
-    A: Blocks, modes: FloatArray, rho: float, home: AnyArray, count: int
+    A: Symmetric, graph: Graph, modes: FloatArray, rho: float, home: AnyArray, count: int
 ) -> tuple[Blocks, FloatArray]:
     """Smoothed modes on aggregates, single precision, and the modes of the next level."""
     p = modes.shape[1]
     inside = home >= 0
     members = np.argsort(home, kind="stable")[np.count_nonzero(~inside) :]
-    blocks, coarse = np.zeros((A.rows, A.blocks.shape[1], p)), np.empty((count * p, p))
-    starts = _offsets(np.bincount(home[inside], minlength=count))
-    km.tentative(count, starts, members, modes, A.sizes[0], blocks, coarse)
-    simple = Blocks(_offsets(inside), home[inside], blocks[inside].astype(np.float32), count)
-    P = A.times(simple)
+    blocks, coarse = np.zeros((A.rows, A.size, p)), np.empty((count * p, p))
+    starts = offsets_of(np.bincount(home[inside], minlength=count))
+    km.tentative(count, starts, members, modes, A.L, blocks, coarse)
+    simple = Blocks(offsets_of(inside), home[inside], blocks[inside].astype(np.float32), count)
+    P = A.times(simple, graph)
     kq.damp(P.rows, P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
             np.float32(-DAMPING / rho))  # fmt: skip
     return P, coarse
 
 
-def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
-    """Pᵀ Â P in double precision, Â the scaled matrix."""
-    upper, columns, blocks = _upper_galerkin(A, inverses, P)
-    lower = np.bincount(columns, minlength=P.width) - 1
-    whole = _offsets(np.diff(upper) + lower)
-    full = np.empty((whole[-1], *blocks.shape[1:]))
-    out = Blocks(whole, np.empty(whole[-1], np.int32), full, P.width)
-    kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
-    return out
+def _galerkin(A: Symmetric, graph: Graph, inverses: FloatArray, P: Blocks) -> Symmetric:
+    """Tᵀ A T in double precision; zeros on its diagonal become ones.
 
-
-def _upper_galerkin(
-    A: Blocks, inverses: FloatArray, P: Blocks
-) -> tuple[AnyArray, AnyArray, FloatArray]:
-    """Offsets, columns and blocks of its upper half, diagonal included."""
-    T = Blocks(P.offsets, P.columns, np.empty(P.blocks.shape), P.width)
+    T is Gᵀ P of the inverse factors G, rounded to single precision as P is: about Pᵀ Â P of the
+    scaled matrix Â, and positive definite as A is.
+    """
+    T = Blocks(P.offsets, P.columns, np.empty_like(P.blocks), P.width)
     kb.scale_rows(P.rows, P.offsets, P.blocks, inverses, P.sizes, T.blocks)
-    at, across = A.pattern(T)
+    at, across = graph.pattern(T)
     offsets, rows, where = P.transposed
-    upper, columns = _pattern(offsets, rows, at, across, P.width, half=True)
+    upper, columns = product_pattern(offsets, rows, at, across, P.width, half=True)
     p = P.blocks.shape[2]
     blocks, done = np.zeros((upper[-1], p, p)), offsets[:-1]
     for first, last in _batches(at):
-        some = np.empty((at[last] - at[first], *T.blocks.shape[1:]))
-        A.rows_times(T, first, last, at, across, some)
+        some = np.empty((at[last] - at[first], *T.blocks.shape[1:]))  # double precision
+        A.rows_times(T, graph, first, last, at, across, some)
         here = P.columns[P.offsets[first] : P.offsets[last]]
         upto = done + np.bincount(here, minlength=P.width).astype(np.int32)
         kq.galerkin(
@@ -426,7 +341,11 @@ def _upper_galerkin(
             P.sizes, upper, columns, blocks,
         )  # fmt: skip
         done = upto
-    return upper, columns, blocks
+    own = blocks[upper[:-1]]
+    own = np.triu(own) + np.triu(own, 1).transpose(0, 2, 1)
+    own[(own == 0.0) & np.eye(p, dtype=bool)] = 1.0
+    blocks[upper[:-1]] = own
+    return Symmetric(upper, columns, blocks)
 
 
 def _batches(offsets: AnyArray) -> Iterator[tuple[int, int]]:
@@ -439,7 +358,7 @@ def _batches(offsets: AnyArray) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def _factor(A: Blocks) -> FloatArray:
+def _factor(A: Symmetric) -> FloatArray:
     """Dense Cholesky factor."""
     n = A.shape[0]
     if n > DENSE:
@@ -447,9 +366,9 @@ def _factor(A: Blocks) -> FloatArray:
             f"multigrid is left with {n} unknowns that it cannot join: the matrix couples few of "
             "its nodes; use method='superlu'"
         )
-    rows, m = np.repeat(np.arange(A.rows), np.diff(A.offsets)), A.blocks.shape[1]
+    rows, m = np.repeat(np.arange(A.rows), np.diff(A.offsets)), A.size
     dense = np.zeros((A.rows, m, A.rows, m))
-    dense[rows, :, A.columns, :] = A.blocks
+    dense[A.columns, :, rows, :] = A.blocks.transpose(0, 2, 1)  # of which the lower half is read
     factor = dense.reshape(n, n)
     least, _ = km.cholesky(factor, 1e-30)
     if not least > SINGULAR:
@@ -458,7 +377,3 @@ def _factor(A: Blocks) -> FloatArray:
             "is every part held against translation and rotation?"
         )
     return factor
-
-
-def _offsets(counts: AnyArray) -> AnyArray:
-    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int32)

@@ -41,7 +41,7 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.linalg._engines import ENGINES, LIMIT, SINGULAR, choose, factor_size
 from ilattice.linalg._krylov import Run, conjugate_gradients
-from ilattice.linalg.multigrid import Blocks
+from ilattice.linalg.symmetric import Symmetric
 
 #: Largest entry of a matrix.
 LARGEST = 1e140
@@ -105,9 +105,9 @@ class Solver:
 
     Parameters
     ----------
-    K : sparse array, shape (n, n)
+    K : sparse array, shape (n, n), or Symmetric
         Symmetric positive definite, as BSR with square blocks m x m, one per node; other formats
-        count as blocks 1 x 1. It is not copied if it is BSR: do not change it.
+        count as blocks 1 x 1. Its half is copied. A `Symmetric` one is not: do not change it.
     near_nullspace : array_like, shape (n, p), optional
         Modes with little energy: p = 6 of a rigid body in space, or ones for heat. By default the
         rigid-body modes of `coordinates` for m = 3, or constants per component.
@@ -138,17 +138,14 @@ class Solver:
     ) -> None:
         as_choice("method", method, ("auto", *ENGINES))
         start = time.perf_counter()
-        self._K = _as_blocks(K)
-        n, self._m = self._K.shape[0], self._K.blocksize[0]
+        self._K = K if isinstance(K, Symmetric) else _half(_as_blocks(K))
         self._coordinates = None if coordinates is None else as_points("coordinates", coordinates)
-        if self._coordinates is not None and len(self._coordinates) != n // self._m:
+        if self._coordinates is not None and len(self._coordinates) != self._K.rows:
             raise InputError(
-                f"coordinates must have {n // self._m} rows, got {len(self._coordinates)}"
+                f"coordinates must have {self._K.rows} rows, got {len(self._coordinates)}"
             )
         modes = self._modes(near_nullspace)
         self._near_nullspace = near_nullspace
-        self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
-        _check_symmetric(self._multiply, n)
         self._method = choose(self._K, self._coordinates) if method == "auto" else method
         self._replaceable = method == "auto" and self._method == "multigrid"
         self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._coordinates)
@@ -202,7 +199,7 @@ class Solver:
     def _multiply(self, x: FloatArray) -> FloatArray:
         """K x for a vector (n,), or rows (r, n)."""
         y = np.empty_like(x)
-        self._blocks.multiply(x, y, 0)
+        self._K.multiply(x, y, 0)
         return y
 
     def solve(
@@ -285,19 +282,16 @@ class Solver:
 
     def _residuals(self, b: FloatArray, x: FloatArray) -> FloatArray:
         """Rows b - K x in the longest floating-point numbers there are, rounded at the end."""
-        K, m = self._K, self._m
-        nodes = x.reshape(len(x), -1, m).astype(np.longdouble)
+        K, graph = self._K, self._K.graph()
+        nodes = x.reshape(len(x), -1, K.size).astype(np.longdouble)
         out = b.reshape(nodes.shape).astype(np.longdouble)
-        for lo in range(0, nodes.shape[1], FINE):
-            start = K.indptr[lo : lo + FINE + 1].astype(np.int64)
-            there = lo + np.flatnonzero(np.diff(start))
-            if len(there) == 0:
-                continue
-            blocks = K.data[start[0] : start[-1]].astype(np.longdouble)
-            columns, first = K.indices[start[0] : start[-1]], K.indptr[there] - start[0]
+        for lo in range(0, K.rows, FINE):
+            start = graph.offsets[lo : lo + FINE + 1].astype(np.int64)
+            some = slice(start[0], start[-1])
+            blocks = K.taken(graph.which[some]).astype(np.longdouble)
             for row, node in zip(out, nodes, strict=True):
-                parts = (blocks * node[columns][:, None, :]).sum(axis=2)
-                row[there] -= np.add.reduceat(parts, first, axis=0)
+                parts = (blocks * node[graph.columns[some]][:, None, :]).sum(axis=2)
+                row[lo : lo + FINE] -= np.add.reduceat(parts, start[:-1] - start[0], axis=0)
         return np.ascontiguousarray(out.reshape(b.shape).astype(np.float64))
 
     def _weight(self, x: FloatArray) -> float:
@@ -312,7 +306,7 @@ class Solver:
         self._setup_seconds += time.perf_counter() - start
 
     def _complaint(self, run: Run, tol: float) -> str:
-        node = int(np.argmax(np.abs(run.x))) // self._m
+        node = int(np.argmax(np.abs(run.x))) // self._K.size
         where = "" if self._coordinates is None else f" at {np.round(self._coordinates[node], 6)}"
         return (
             f"{self._method} stopped after {len(run.history) - 1} iterations at a relative "
@@ -331,7 +325,7 @@ class Solver:
         return load.reshape(n, -1)
 
     def _modes(self, given: ArrayLike | None) -> FloatArray:
-        n, m = self._K.shape[0], self._m
+        n, m = self._K.shape[0], self._K.size
         if given is None:
             if m == 3 and self._coordinates is not None:
                 return rigid_modes(self._coordinates)
@@ -394,12 +388,24 @@ def _as_blocks(given: Any) -> bsr_array:
     return bsr_array((data, indices, indptr), shape=K.shape)
 
 
-def _check_symmetric(times: Any, n: int) -> None:
-    x, y = np.random.default_rng(0).standard_normal((2, n))
-    Kx, Ky = times(x), times(y)
-    gap = abs(float(y @ Kx - x @ Ky))
-    if gap > ASYMMETRY * np.linalg.norm(x) * np.linalg.norm(Ky):
-        raise InputError(f"K must be symmetric: x K y and y K x differ by {gap:.2e}")
+def _half(K: bsr_array) -> Symmetric:
+    """The half of a matrix, which must be symmetric and have blocks on its diagonal."""
+    rows = np.repeat(np.arange(len(K.indptr) - 1, dtype=np.int32), np.diff(K.indptr))
+    there = np.zeros(len(K.indptr) - 1, np.bool_)
+    there[rows[rows == K.indices]] = True
+    if not there.all():
+        raise InputError(
+            f"K must have a positive diagonal: it has no entry for node {int(np.argmin(there))}; "
+            "drop nodes without stiffness"
+        )
+    half = Symmetric.of(K)
+    x, y = np.random.default_rng(0).standard_normal((2, K.shape[0]))
+    Kx, other = K @ x, np.empty_like(x)
+    half.multiply(x, other, 0)
+    gap = abs(float(y @ (Kx - other)))
+    if gap > ASYMMETRY * np.linalg.norm(y) * np.linalg.norm(Kx):
+        raise InputError(f"K must be symmetric: y K x and x K y differ by {gap:.2e}")
+    return half
 
 
 def _again(K: Any, near_nullspace: Any, method: str, coordinates: Any) -> Solver:

@@ -1,12 +1,13 @@
 """Sparse matrices: reference implementations, identities, the same bits for any threads."""
 
 import itertools
+from dataclasses import replace
 
 import numba
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline as Reference
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, triu
 
 import ilattice as il
 from ilattice.cutfem import SplineSpace
@@ -43,13 +44,13 @@ def made(p, cells=4, through=None, closed=None, weight=0.1, field=ball, smoothne
 def matrix(asm, rule, kind, d=ONE, p=1.0, q=0.0, m=1):
     data = asm.zeros(m)
     asm.add_cells(data, rule, kind, d, p, q)
-    return asm.pattern.matrix(data)
+    return asm.pattern.matrix(data).whole()
 
 
 def ghosts(asm, m=1):
     data = asm.zeros(m)
     asm.add_ghost(data, lambda *_: np.ones(1))
-    return asm.pattern.matrix(data)
+    return asm.pattern.matrix(data).whole()
 
 
 def naive_lines(space, u, nu):
@@ -233,8 +234,10 @@ def test_the_pattern_is_that_of_shared_elements(closed, r):
                               shape=(len(group), len(asm.space))))  # fmt: skip
     expected = sum(r.T @ r for r in rows).tocsr()
     expected.sort_indices()
-    np.testing.assert_array_equal(expected.indptr, asm.pattern.indptr)
-    np.testing.assert_array_equal(expected.indices, asm.pattern.indices)
+    for half, whole in ((True, triu(expected, format="csr")), (False, expected)):
+        pattern = replace(asm, half=half).pattern
+        np.testing.assert_array_equal(whole.indptr, pattern.indptr)
+        np.testing.assert_array_equal(whole.indices, pattern.indices)
     K = matrix(asm, rule, kernels.PAIRS, ONE, 0.6, 0.4, m=3) + ghosts(asm, 3)
     assert abs(K - K.T).max() == 0.0
 
@@ -355,7 +358,7 @@ def test_surface_matrices_are_those_of_the_reference_implementation():
             expected -= half + half.transpose(2, 3, 0, 1)
             data = asm.zeros(3)
             weak.add(data, problem, terms)
-            found = asm.pattern.matrix(data).toarray()
+            found = asm.pattern.matrix(data).whole().toarray()
             np.testing.assert_allclose(found, expected.reshape(found.shape), atol=1e-11)
         heat = Heat(problem.domain, conductivity=3.0).fix("surface", 0.0)
         terms = weak.terms_of(heat, heat.supports[0])
@@ -364,6 +367,6 @@ def test_surface_matrices_are_those_of_the_reference_implementation():
         half = np.einsum("q,qa,qb->ab", w, N, F)
         data = heat.assembly.zeros(1)
         weak.add(data, heat, terms)
-        found = heat.assembly.pattern.matrix(data).toarray()
+        found = heat.assembly.pattern.matrix(data).whole().toarray()
         expected = np.einsum("q,qa,qb->ab", w * Q, N, N) - half - half.T
         np.testing.assert_allclose(found, expected, atol=1e-10)

@@ -1,5 +1,6 @@
 """Kernels of the multigrid against NumPy and SciPy, its levels against their algebra."""
 
+import numba
 import numpy as np
 import pytest
 from scipy.sparse import block_diag, bsr_array, csr_array
@@ -10,8 +11,8 @@ from ilattice.errors import ConvergenceError, InputError
 from ilattice.linalg import _kernels_blocks as kb
 from ilattice.linalg import _kernels_multigrid as km
 from ilattice.linalg import _kernels_patches as kp
+from ilattice.linalg.blocks import Blocks
 from ilattice.linalg.multigrid import (
-    Blocks,
     Multigrid,
     _aggregates,
     _block_factors,
@@ -20,12 +21,20 @@ from ilattice.linalg.multigrid import (
     _patches,
     _prolongation,
     _scaled,
+    _strengths,
 )
 from ilattice.linalg.solvers import rigid_modes
+from ilattice.linalg.symmetric import Symmetric
 
 
-def blocks_of(K):
-    return Blocks(K.indptr, K.indices, K.data, K.shape[1] // K.blocksize[1])
+def symmetric(m, rows, seed, dtype=float, density=0.2):
+    """A random symmetric matrix, all of it and its half."""
+    rng = np.random.default_rng(seed)
+    there = np.triu(rng.random((rows, rows)) < density) | np.eye(rows, dtype=bool)
+    there |= there.T
+    D = rng.standard_normal((rows, m, rows, m)) * there[:, None, :, None]
+    D = (D.reshape(rows * m, -1) + D.reshape(rows * m, -1).T).astype(dtype)
+    return D, Symmetric.of(bsr_array(D, blocksize=(m, m)))
 
 
 def dense(A):
@@ -56,7 +65,7 @@ def struts():
 
 @pytest.fixture(scope="module")
 def hierarchy(struts):
-    return Multigrid(blocks_of(struts.K), struts.modes)
+    return Multigrid(Symmetric.of(struts.K), struts.modes)
 
 
 SIZES = [(1, 1), (3, 3), (3, 6), (6, 6), (2, 2), (3, 4)]
@@ -100,12 +109,93 @@ def test_products_with_several_vectors(size, count):
         np.testing.assert_allclose(z, y @ D, atol=tolerance * 20)
 
 
+@pytest.mark.parametrize("m", [1, 2, 3, 6])
+@pytest.mark.parametrize("count", [1, 2, 8, 11])
+def test_products_of_halves_with_vectors(m, count):
+    """Those of the whole matrix, with the same bits in other company and at other places."""
+    for dtype, tolerance in ((np.float64, 1e-12), (np.float32, 1e-4)):
+        D, A = symmetric(m, 90, 3, dtype)
+        rng = np.random.default_rng(4)
+        x, y = rng.standard_normal((2, count, len(D))).astype(dtype)
+        for sign, expected in ((0, x @ D), (1, y + x @ D), (-1, y - x @ D)):
+            z = y.copy()
+            A.multiply(x, z, sign)
+            np.testing.assert_allclose(z, expected, atol=tolerance)
+        A.multiply(x[::-1], z[::-1], 0)
+        again = np.empty_like(z)
+        A.multiply(x, again, 0)
+        np.testing.assert_array_equal(z, again)
+
+
+def parts_of(A):
+    return [int(b - a) for a, b in zip(A._parts[0][:-1], A._parts[0][1:], strict=True)]
+
+
+@pytest.mark.threads
+@pytest.mark.parametrize("heat", [False, True])
+def test_products_in_parts(heat):
+    """Banded matrices are cut into parts that overlap, and have the same bits on any threads."""
+    s = system(sheet(0.5), (48, 16, 16), fixed="x0", heat=heat)
+    A = Symmetric.of(s.K)
+    assert len(parts_of(A)) > 4, parts_of(A)
+    assert min(parts_of(A)) > 50
+    x = np.random.default_rng(1).standard_normal((3, len(s.f)))
+    found = {}
+    for threads in (1, 2):
+        before = numba.get_num_threads()
+        numba.set_num_threads(threads)
+        try:
+            for rows in (1, 3):
+                y = np.empty_like(x[:rows])
+                A.multiply(x[:rows], y, 0)
+                found[threads, rows] = y
+        finally:
+            numba.set_num_threads(before)
+    for rows in (1, 3):
+        np.testing.assert_allclose(found[1, rows], (s.K @ x[:rows].T).T, atol=1e-13)
+        np.testing.assert_array_equal(found[1, rows], found[2, rows])
+
+
+def test_parts_do_not_take_more_room_than_the_matrix():
+    """Where the last rows meet the first, and where anything meets anything."""
+    rng = np.random.default_rng(2)
+    n = 20_000
+    i = np.arange(n)
+    ring = csr_array(
+        (np.ones(3 * n), (np.tile(i, 3), np.concatenate([i, (i + 1) % n, (i - 1) % n])))
+    )
+    far = csr_array((np.ones(4 * n), (np.tile(i, 4), rng.integers(0, n, 4 * n))), shape=(n, n))
+    for K in (ring, far + far.T + 20.0 * ring):
+        K.sum_duplicates()
+        A = Symmetric.of(bsr_array(K, blocksize=(1, 1)))
+        x = rng.standard_normal(n)
+        y = np.empty(n)
+        A.multiply(x, y, 0)
+        np.testing.assert_allclose(y, K @ x, atol=1e-11)
+        assert A._parts[1][-1] <= 2 * n, A._parts[1][-1]
+    assert len(parts_of(A)) <= 2  # of the last one
+
+
+@pytest.mark.parametrize("m", [1, 3])
+def test_halves_make_the_whole_again(m):
+    D, A = symmetric(m, 70, 5)
+    whole = A.whole()
+    np.testing.assert_array_equal(whole.toarray(), D)
+    assert whole.has_sorted_indices
+    assert (A.couplings, A.nnz) == (len(whole.indices), whole.nnz)
+    np.testing.assert_array_equal(A.diagonal(), np.diag(D))
+    offsets, columns, which = A.graph()
+    np.testing.assert_array_equal(A.taken(which[: offsets[3]]), whole.data[: offsets[3]])
+    np.testing.assert_array_equal(columns, whole.indices)
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_products_of_matrices(size):
     m, p = size
-    A, B = random_blocks(m, m, 60, 50, 5), random_blocks(m, p, 50, 30, 6)
-    C = A.times(B)
-    np.testing.assert_allclose(dense(C), dense(A) @ dense(B), atol=1e-11)
+    D, A = symmetric(m, 50, 5)
+    B = random_blocks(m, p, 50, 30, 6)
+    C = A.times(B, A.graph())
+    np.testing.assert_allclose(dense(C), D @ dense(B), atol=1e-11)
     for i in range(C.rows):  # every column once
         row = C.columns[C.offsets[i] : C.offsets[i + 1]]
         assert len(set(row)) == len(row)
@@ -125,13 +215,12 @@ def test_sums_and_updates():
 
 
 def test_scaled_matrices_have_unit_diagonal_blocks(struts):
-    K = blocks_of(struts.K)
+    K = Symmetric.of(struts.K)
     factors, inverses = _block_factors(K)
     np.testing.assert_allclose(
         factors @ inverses, np.broadcast_to(np.eye(3), factors.shape), atol=1e-12
     )
-    out = np.empty_like(K.blocks)
-    kb.scaled(K.rows, K.offsets, K.columns, K.blocks, inverses, K.sizes[0], out)
+    out = _scaled(K, inverses, np.float64).blocks
     rows = np.repeat(np.arange(K.rows), np.diff(K.offsets))
     diagonal = out[rows == K.columns]
     np.testing.assert_allclose(diagonal, np.broadcast_to(np.eye(3), diagonal.shape), atol=1e-12)
@@ -142,7 +231,7 @@ def test_scaled_matrices_have_unit_diagonal_blocks(struts):
 
 def test_blocks_without_a_pivot_are_scaled_by_their_diagonal():
     block = np.array([[2.0, 2.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
-    A = Blocks(np.array([0, 1], np.int32), np.array([0], np.int32), block[None], 1)
+    A = Symmetric(np.array([0, 1], np.int32), np.array([0], np.int32), block[None])
     factors, _ = _block_factors(A)
     np.testing.assert_allclose(factors[0], np.diag(np.sqrt([2.0, 2.0, 3.0])))
     block[2, 2] = 0
@@ -152,21 +241,22 @@ def test_blocks_without_a_pivot_are_scaled_by_their_diagonal():
 
 @pytest.mark.parametrize("least", [0.0, 0.02, 0.1, 1.0])
 def test_aggregates_are_disjoint_connected_and_complete(least, struts):
-    K = blocks_of(struts.K)
-    strength = np.empty(len(K.columns), np.float32)
-    km.strengths(K.offsets, K.columns, K.blocks.astype(np.float32), K.sizes[0], strength)
-    rows = np.repeat(np.arange(K.rows), np.diff(K.offsets))
-    expected = (K.blocks**2).sum(axis=(1, 2)) * (rows != K.columns)
+    K = Symmetric.of(struts.K)
+    graph = K.graph()
+    strength = _strengths(Symmetric(K.offsets, K.columns, K.blocks.astype(np.float32)))
+    strength = strength[graph.blocks]
+    rows = np.repeat(np.arange(K.rows), np.diff(graph.offsets))
+    expected = (K.taken(graph.which) ** 2).sum(axis=(1, 2)) * (rows != graph.columns)
     np.testing.assert_allclose(strength, expected, rtol=1e-5)
     strong = strength > least * strength.max()
     home = np.empty(K.rows, np.int32)
-    count = km.aggregate(K.offsets, K.columns, strength, strong, home)
+    count = km.aggregate(graph.offsets, graph.columns, strength, strong, home)
     assert set(home[home >= 0]) == set(range(count))
     assert ((home >= 0) == strong.any()).all()  # it all hangs together
-    inside = (strength > 0) & (home[rows] == home[K.columns]) & (home[rows] >= 0)
-    edges = np.ones(inside.sum()), (rows[inside], K.columns[inside])
-    graph = csr_array(edges, shape=(K.rows, K.rows))
-    assert connected_components(graph, directed=False)[0] == count + (home < 0).sum()
+    inside = (strength > 0) & (home[rows] == home[graph.columns]) & (home[rows] >= 0)
+    edges = np.ones(inside.sum()), (rows[inside], graph.columns[inside])
+    together = csr_array(edges, shape=(K.rows, K.rows))
+    assert connected_components(together, directed=False)[0] == count + (home < 0).sum()
     if least < 0.1:
         assert K.rows / count > 5
 
@@ -204,10 +294,8 @@ def test_patches_are_solved_exactly_and_bound_the_eigenvalues(m):
             A[np.ix_(rows[a * m : a * m + m], rows[b * m : b * m + m])] = part
             A[np.ix_(rows[b * m : b * m + m], rows[a * m : a * m + m])] = part.T
     A[m * 30, m * 31] = A[m * 31, m * 30] = 1e-3
-    K = blocks_of(bsr_array(A.astype(np.float32), blocksize=(m, m)))
-    strength = np.empty(len(K.columns), np.float32)
-    km.strengths(K.offsets, K.columns, K.blocks, K.sizes[0], strength)
-    patches = _patches(K, strength)
+    K = Symmetric.of(bsr_array(A.astype(np.float32), blocksize=(m, m)))
+    patches = _patches(K, _strengths(K))
     found = [
         tuple(patches.members[a:b])
         for a, b in zip(patches.starts[:-1], patches.starts[1:], strict=True)
@@ -256,7 +344,7 @@ def test_couplings_are_strong_for_both_nodes_and_near():
 
 def test_nodes_that_stand_alone_need_no_levels():
     K = bsr_array(block_diag([np.diag([1.0, 2.0, 3.0])] * 500, format="bsr"))
-    mesh = Multigrid(blocks_of(K), np.tile(np.eye(3), (500, 1)))
+    mesh = Multigrid(Symmetric.of(K), np.tile(np.eye(3), (500, 1)))
     r = np.arange(1500.0)
     np.testing.assert_allclose(mesh(r), K.diagonal() ** -1 * r, rtol=1e-2)
 
@@ -295,28 +383,33 @@ def test_tentative_modes_are_orthonormal_and_give_the_modes_back():
 
 @pytest.mark.parametrize("batch", [1, 700, 5000])
 def test_galerkin_products_in_batches_have_the_same_bits(struts, hierarchy, batch, monkeypatch):
-    K = blocks_of(struts.K)
+    K = Symmetric.of(struts.K)
     _, inverses = _block_factors(K)
-    whole = _galerkin(K, inverses, hierarchy.levels[0].P)
+    whole = _galerkin(K, K.graph(), inverses, hierarchy.levels[0].P)
     monkeypatch.setattr("ilattice.linalg.multigrid.BATCH", batch)
-    parts = _galerkin(K, inverses, hierarchy.levels[0].P)
+    parts = _galerkin(K, K.graph(), inverses, hierarchy.levels[0].P)
     assert len(whole.columns) > 100
     for name in ("offsets", "columns", "blocks"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
 
 
 def test_galerkin_products(struts, hierarchy):
-    """The coarse matrix is Pᵀ Â P, symmetric to the last bit, with ascending columns."""
-    K = blocks_of(struts.K)
+    """The coarse matrix is Tᵀ K T, symmetric to the last bit, with ascending columns.
+
+    T is Gᵀ P, rounded to the precision of P.
+    """
+    K = Symmetric.of(struts.K)
     _, inverses = _block_factors(K)
     level = hierarchy.levels[0]
-    coarse = _galerkin(K, inverses, level.P)
-    D = dense(coarse)
+    coarse = _galerkin(K, K.graph(), inverses, level.P)
+    D = coarse.whole().toarray()
     rows = np.arange(K.rows)
     G = dense(Blocks(np.arange(K.rows + 1), rows, inverses, K.rows))
     P = dense(level.P).astype(float)
-    expected = P.T @ G @ dense(K) @ G.T @ P
+    T = (G.T @ P).astype(np.float32).astype(float)
+    expected = T.T @ K.whole() @ T
     np.testing.assert_allclose(D, expected, atol=1e-12)
+    np.testing.assert_allclose(D, P.T @ G @ K.whole() @ G.T @ P, atol=1e-6)
     assert (D == D.T).all()
     for i in range(coarse.rows):
         assert (np.diff(coarse.columns[coarse.offsets[i] : coarse.offsets[i + 1]]) > 0).all()
@@ -325,14 +418,15 @@ def test_galerkin_products(struts, hierarchy):
 def test_the_next_level_carries_the_modes():
     """What a body without support does for free stays free: P coarse = modes."""
     s = system(sheet(0.5), (12, 12, 12), fixed="")
-    K = blocks_of(s.K)
+    K = Symmetric.of(s.K)
     with pytest.raises(ConvergenceError, match="singular"):
         Multigrid(K, s.modes)
     factors, inverses = _block_factors(K)
     scaled = _scaled(K, inverses, np.float32)
     modes = np.einsum("iba,ibq->iaq", factors, s.modes.reshape(-1, 3, 6)).reshape(-1, 6)
-    strength = np.empty(len(K.columns), np.float32)
-    km.strengths(K.offsets, K.columns, scaled.blocks, K.sizes[0], strength)
-    P, coarse = _prolongation(scaled, modes, 3.0, *_aggregates(scaled, strength, None, 0.02))
+    graph = K.graph()
+    strength = _strengths(scaled)[graph.blocks]
+    found = _aggregates(graph, strength, None, 3 * 0.02**2)
+    P, coarse = _prolongation(scaled, graph, modes, 3.0, *found)
     np.testing.assert_allclose(dense(P) @ coarse, modes, atol=1e-5 * np.abs(modes).max())
     assert P.width < K.rows / 10
