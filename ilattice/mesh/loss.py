@@ -30,6 +30,9 @@ NEAR = 0.02
 #: Standard errors of the volume of the wall that must not matter for what is told, and the part of
 #: what is lost that they may be, if it is told: three of them are a tenth.
 ERRORS, KNOWN = 4.0, 0.12
+#: Part of what is told with short edges from which on exact distances are asked for, too: what
+#: they change of the volume adds to it.
+CLOSE = 0.9
 #: Length of edges, relative to the least thickness, up to which they are short, and that which is
 #: recommended.
 COMPARED, ENOUGH = 0.6, 0.25
@@ -222,7 +225,7 @@ class _Compared(NamedTuple):
         off = got / whole - 1.0
         left = abs(abs(off) - most)
         sure = ERRORS * about.error * (1.0 + off) <= left * whole
-        if exactly and sure and abs(off) > most:  # exact distances are slow
+        if exactly and sure and abs(off) > max(TOLD, CLOSE * most):  # exact distances are slow
             rounded = wall._rounded.volume
             whole += rounded
             off = got / whole - 1.0 if whole > 0.0 else 0.0

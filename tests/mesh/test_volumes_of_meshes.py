@@ -130,3 +130,16 @@ def test_exact_distances_are_not_asked_for_before_they_matter(monkeypatch):
     estimates = iter([Estimate(1.0, 0.01, 1), Estimate(1.03, 1e-3, 1)])
     monkeypatch.setattr(type(wall), "_estimated", lambda *_: next(estimates))
     assert told(wall, 0.03, 1.0, exactly=True) is None
+
+
+def test_exact_distances_add_to_what_is_nearly_told_of_short_edges(monkeypatch):
+    wall, asked = WALLS["thick"](), []
+    h = 0.4 * wall.least_thickness
+    rounded = SimpleNamespace(volume=-0.01)
+    monkeypatch.setattr(type(wall), "_rounded", property(lambda _: (asked.append(1), rounded)[1]))
+    monkeypatch.setattr(type(wall), "_estimated", lambda *_: Estimate(1.0, 0.0, 0))
+    assert told(wall, 0.017, 1.0, h=h, exactly=True) is None
+    assert asked == []
+    assert told(wall, 0.019, 1.0, h=h, exactly=True).part == pytest.approx(1.019 / 0.99 - 1.0)
+    assert told(wall, 0.0095, 1.0, h=h, exactly=True, default=True) is None
+    assert asked == [1]
