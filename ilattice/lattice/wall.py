@@ -97,6 +97,7 @@ class Wall(OffsetSolid):
             Accept a mesh whose volume differs by more than 5 % from that of the wall, either way.
             A `PrecisionWarning` names differences of more than 1 %, of meshes with a given `h`
             shorter than 0.6 of the least thickness of more than 2 %.
+            Where random points tell that volume well enough, it is not computed exactly.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 

@@ -1,8 +1,9 @@
-"""What a mesh has lost or gained of its wall: its volume against that of the wall by cut cells.
+"""What a mesh has lost or gained of its wall: its volume against that of the wall.
 
-Guarantee: meshes whose edges are long against the wall are compared, and others where the volume at
-random points is another one. Chords lose material where a wall is convex, and gain it where pores
-are narrow. Non-guarantees: less than 2 % of meshes with short edges is not told, nor less
+Guarantee: the volume of the wall is one of random points where four standard errors of it do not
+change whether a loss is told or refused, and three of them are a tenth of what is told; else it is
+that by cut cells. Chords lose material where a wall is convex, and gain it where pores are
+narrow. Non-guarantees: less than 2 % of meshes with short edges is not told, nor less
 than 1 % of those by default; the volume of the wall goes by the distance spline (see
 `ilattice.lattice.Wall.volume`), and where the mesh has another one by what exact distances change
 of it at random points.
@@ -17,18 +18,23 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
-from ilattice.offsets.volume_points import VolumePoints
 
 if TYPE_CHECKING:
+    from ilattice.offsets.volume_points import Estimate
     from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the volume from which on it is told, and from which on it is an error.
 TOLD, REFUSED = 0.01, 0.05
-#: Boxes with two random points each, by which volumes are compared first, and the part of the
-#: volume from which on it is told where edges are short, and given.
-BOXES, NEAR = 1 << 16, 0.02
-#: Length of edges, relative to the least thickness, from which on volumes are compared, and that
-#: which is recommended.
+#: The same where edges are short, and given.
+NEAR = 0.02
+#: Standard errors of the volume of the wall that must not matter for what is told, and the part of
+#: what is lost that they may be, if it is told: three of them are a tenth.
+ERRORS, KNOWN = 4.0, 0.12
+#: Part of what is told with short edges from which on exact distances are asked for, too: what
+#: they change of the volume adds to it.
+CLOSE = 0.9
+#: Length of edges, relative to the least thickness, up to which they are short, and that which is
+#: recommended.
 COMPARED, ENOUGH = 0.6, 0.25
 #: Part of a loss that is left with edges shorter by a fifth, at most, where these help.
 HELPS = 0.9
@@ -176,25 +182,72 @@ def loss_of(
         and not those by default.
     """
     least, got = wall.least_thickness, mesh.volume
-    short = h <= COMPARED * least
-    most = NEAR if short and not default else TOLD
-    if short and VolumePoints(wall, BOXES).near(got, most):
+    most = NEAR if h <= COMPARED * least and not default else TOLD
+    about = wall._estimated(np.inf)
+    found = _Compared.of(wall, about, got, most, exactly=exactly)
+    while about.error > found.error:
+        about = wall._estimated(found.error)
+        found = _Compared.of(wall, about, got, most, exactly=exactly)
+    if abs(found.off) <= most:
         return None
-    whole = wall._volume
-    rounded = wall._rounded.volume if exactly and abs(got - whole) > TOLD * whole else 0.0
-    whole += rounded
-    off = got / whole - 1.0 if whole > 0.0 else 0.0
-    if abs(off) <= most:
-        return None
-    told, h = f"{h:g}", min(h, mesh.longest)  # a grid has at least some planes per tile
-    enough = min(ENOUGH * least, 0.9 * h * (TOLD / abs(off)) ** 0.5)
-    if sheets:
-        enough = 0.9 * h * (TOLD / abs(off)) ** 0.5
-    message = (
-        f"the mesh with h={told} has the volume {got:.6g}, {100 * abs(off):.2g} % "
-        f"{'less' if off < 0.0 else 'more'} than the wall ({whole:.6g}), which is {least:g} thick "
-        f"at its thinnest; use h <= {enough:.3g}"
-    )
-    if abs(rounded) > TOLD * whole:
-        message += f" and spans_per_tile > {wall.lattice.spans}, or tol"
-    return Loss(off, message)
+    return Loss(found.off, found.message(wall, h, mesh, sheets=sheets))
+
+
+class _Compared(NamedTuple):
+    """A volume compared with that of a wall.
+
+    Attributes
+    ----------
+    off : float
+        What it has more, as a part.
+    whole, rounded : float
+        Volume of the wall; what exact distances change of it, which is part of that.
+    error : float
+        Standard error of the volume of the wall at most, for what is told to be right.
+    about : bool
+        Whether that volume is one of random points.
+    """
+
+    off: float
+    whole: float
+    rounded: float
+    error: float
+    about: bool
+
+    @classmethod
+    def of(
+        cls, wall: OffsetSolid, about: Estimate, got: float, most: float, *, exactly: bool
+    ) -> _Compared:
+        """A volume `got` compared with an estimate of that of the wall, told from `most` on."""
+        whole, rounded = about.volume, 0.0
+        if whole <= 0.0:
+            return cls(0.0, whole, rounded, 0.0, about.boxes > 0)
+        off = got / whole - 1.0
+        left = abs(abs(off) - most)
+        sure = ERRORS * about.error * (1.0 + off) <= left * whole
+        if exactly and sure and abs(off) > max(TOLD, CLOSE * most):  # exact distances are slow
+            rounded = wall._rounded.volume
+            whole += rounded
+            off = got / whole - 1.0 if whole > 0.0 else 0.0
+            left = min(left, abs(abs(off) - most))
+        if abs(off) > most:
+            left = min(left, abs(abs(off) - REFUSED), KNOWN * abs(off))
+        error = left / ERRORS * whole / (1.0 + off) if off > -1.0 else np.inf
+        return cls(off, whole, rounded, error, about.boxes > 0)
+
+    def message(self, wall: OffsetSolid, h: float, mesh: Extent, *, sheets: bool) -> str:
+        """What a mesh has lost or gained, and what to do."""
+        least, lost = wall.least_thickness, abs(self.off)
+        told, h = f"{h:g}", min(h, mesh.longest)  # a grid has at least some planes per tile
+        enough = 0.9 * h * (TOLD / lost) ** 0.5
+        if not sheets:
+            enough = min(ENOUGH * least, enough)
+        about, digits = ("about ", 3) if self.about else ("", 6)
+        message = (
+            f"the mesh with h={told} has the volume {mesh.volume:.6g}, {about}{100 * lost:.2g} % "
+            f"{'less' if self.off < 0.0 else 'more'} than the wall ({self.whole:.{digits}g}), "
+            f"which is {least:g} thick at its thinnest; use h <= {enough:.3g}"
+        )
+        if abs(self.rounded) > TOLD * self.whole:
+            message += f" and spans_per_tile > {wall.lattice.spans}, or tol"
+        return message

@@ -6,14 +6,15 @@ may be on the other side of a surface of the wall. Non-guarantee: standard error
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ilattice._field import Field
-from ilattice._geometry import grid_indices, pairs
-from ilattice._typing import FloatArray
+from ilattice._geometry import pairs
+from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.sharp import reach
@@ -21,6 +22,45 @@ from ilattice.offsets.thickness import Thickness
 
 #: Points whose weight the standard error is at least: of rare parts none may be seen.
 FEW = 3.0
+#: Boxes whose points are looked at at once: they and their maps take 60 MB.
+TOGETHER = 1 << 18
+#: Powers of the number of boxes over that of the error they leave, where boxes are smaller than
+#: the wall is thick; and the most and the least times as many boxes that are looked into next.
+POWER, MOST_MORE, LEAST_MORE = 1.5, 32.0, 2.0
+
+
+class Estimate(NamedTuple):
+    """A volume, and how well it is known.
+
+    Attributes
+    ----------
+    volume, error : float
+        The volume, and its standard error: zero if it is not one of random points.
+    boxes : int
+        Boxes with two random points each; zero likewise.
+    """
+
+    volume: float
+    error: float
+    boxes: int
+
+    def more(self, error: float) -> int:
+        """Number of boxes for another error.
+
+        Parameters
+        ----------
+        error : float
+            The standard error that is wanted.
+
+        Returns
+        -------
+        int
+            As many as leave it, as far as this one tells.
+        """
+        factor = MOST_MORE
+        if error * MOST_MORE ** (1.0 / POWER) > self.error:
+            factor = max((self.error / error) ** POWER, LEAST_MORE)
+        return round(factor * self.boxes)
 
 
 class Rounded(NamedTuple):
@@ -87,40 +127,49 @@ class VolumePoints:
     @cached_property
     def u(self) -> FloatArray:
         """Parameters (2 n, 3), those of the same box one after the other."""
-        lo, hi = self.wall.lattice.domain
-        tiles = np.array(self.wall.lattice.repeat, float)
-        count = np.maximum(1, np.rint(tiles * (self.boxes / tiles.prod()) ** (1 / 3))).astype(int)
-        corner = grid_indices(count)
-        rng = np.random.default_rng(0)
-        return pairs(lo + (hi - lo) * corner / count, lo + (hi - lo) * (corner + 1) / count, rng)
+        return np.concatenate(list(self._blocks()))
 
     @cached_property
     def weight(self) -> FloatArray:
         """Volume (2 n,) that each of them stands for."""
-        det = np.abs(np.linalg.det(self.wall.lattice.through.jacobian(self.u)))
-        out: FloatArray = det * (
-            float(np.prod(np.ptp(self.wall.lattice.domain, axis=0))) / len(det)
-        )
-        return out
+        return self._weights(self.u)
 
-    def near(self, volume: float, part: float) -> bool:
-        """Whether the wall has about that volume, as far as these points tell.
+    @property
+    def filled(self) -> Estimate:
+        """The volume of the wall, with no bound of its error where none of them is within it."""
+        total = squares = most = 0.0
+        for u in self._blocks():
+            part = np.zeros(len(u))
+            at = np.flatnonzero(self.wall.field(u) < 0.0)
+            part[at] = self._weights(u[at])
+            total, most = total + float(part.sum()), max(most, float(part.max()))
+            squares += float((np.diff(part.reshape(-1, 2)) ** 2).sum())
+        error = max(squares**0.5, FEW * most) if total > 0.0 else np.inf
+        return Estimate(total, error, self.boxes)
 
-        Parameters
-        ----------
-        volume : float
-            The volume.
-        part : float
-            By which part of it may be off, less three standard errors, and half of it at least.
+    def _blocks(self) -> Iterator[FloatArray]:
+        """The parameters, some at once."""
+        lo, hi = self.wall.lattice.domain
+        count, rng = self._count, np.random.default_rng(0)
+        size = (hi - lo) / count
+        total = int(count.prod())
+        for first in range(0, total, TOGETHER):
+            numbers = np.arange(first, min(first + TOGETHER, total))
+            corner = lo + size * np.stack(np.unravel_index(numbers, tuple(count)), axis=1)
+            yield pairs(corner, corner + size, rng)
 
-        Returns
-        -------
-        bool
-            Whether it is.
-        """
-        filled = (self.weight * (self.wall.field(self.u) < 0.0)).reshape(-1, 2)
-        mean, error = float(filled.sum()), float(np.linalg.norm(filled[:, 0] - filled[:, 1]))
-        return abs(mean - volume) <= max(part * mean - 3.0 * error, 0.5 * part * mean)
+    @property
+    def _count(self) -> IntArray:
+        """Number of boxes along each direction."""
+        tiles = np.array(self.wall.lattice.repeat, float)
+        count = np.rint(tiles * (self.boxes / tiles.prod()) ** (1 / 3)).astype(np.int64)
+        return np.maximum(1, count)
+
+    def _weights(self, u: FloatArray) -> FloatArray:
+        """Volumes (n,) that so many of the points stand for."""
+        det: FloatArray = np.abs(np.linalg.det(self.wall.lattice.through.jacobian(u)))
+        one = float(np.prod(np.ptp(self.wall.lattice.domain, axis=0))) / (2 * self._count.prod())
+        return one * det
 
     @property
     def rounded(self) -> Rounded:

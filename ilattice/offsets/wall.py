@@ -10,6 +10,7 @@ What can be done with walls (`mesh`, `slices`, `topology`) is in `ilattice.latti
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +28,7 @@ from ilattice.offsets.density import tile_volumes, volumes
 from ilattice.offsets.local_thickness import depths_of, least_of, points
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.thickness import Thickness
-from ilattice.offsets.volume_points import Rounded, VolumePoints
+from ilattice.offsets.volume_points import Estimate, Rounded, VolumePoints
 from ilattice.offsets.wall_field import WallField
 
 #: Boxes with random points at which exact distances are asked for, and the part of the volume from
@@ -36,6 +37,9 @@ BOXES, TOLD = 1 << 14, 0.01
 #: What parts of these boxes may do where the spline is off by more than is usual: exact distances
 #: are slow there, and needed far from the surfaces.
 PARTS = (16, 4)
+#: Boxes with random points by which volumes are estimated first; so many take a tenth of a second.
+#: And the most per cell of the spline, one of which takes quadrature as long as two boxes or more.
+FIRST, PER_CELL = 1 << 16, 2
 #: Length of edges over the least thickness from which on there is a warning, and the one that is
 #: advised; chosen without measurements.
 COARSE, ADVISED = 0.6, 0.5
@@ -155,6 +159,28 @@ class OffsetSolid(Shown):
         return self._known["volume"]
 
     @cached_property
+    def _estimates(self) -> list[Estimate]:
+        """Volumes by ever more random points, as far as they were asked for."""
+        return [VolumePoints(self, min(FIRST, self._most_boxes)).filled]
+
+    @property
+    def _most_boxes(self) -> int:
+        """Boxes with random points that take no longer than the exact volume, about."""
+        return PER_CELL * math.prod(len(self.distance.breaks(axis)) - 1 for axis in range(3))
+
+    def _estimated(self, error: float) -> Estimate:
+        """The volume to about a standard error; the exact one where points would be too many."""
+        if self.known_volume is None:
+            last = self._estimates[-1]
+            if last.error <= error:
+                return last
+            boxes = last.more(error)
+            if boxes <= self._most_boxes:
+                self._estimates.append(VolumePoints(self, boxes).filled)
+                return self._estimates[-1]
+        return Estimate(self._volume, 0.0, 0)
+
+    @cached_property
     def volume_error(self) -> float:
         """How far `volume` may be off, because splines approximate distances or fields.
 
@@ -190,7 +216,7 @@ class OffsetSolid(Shown):
 
     @property
     def known_volume(self) -> float | None:
-        """What `volume` has returned, also to `mesh`; None if it was not asked for."""
+        """What `volume` has returned, also to `mesh`; None if none asked for the exact one."""
         return self._known.get("volume")
 
     def relative_density(self, *, per_cell: bool = False) -> Any:

@@ -7,8 +7,8 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh import loss
-from ilattice.offsets.volume_points import Rounded, VolumePoints
+from ilattice.offsets import volume_points
+from ilattice.offsets.volume_points import Estimate, Rounded, VolumePoints
 from ilattice.offsets.wall import BOXES
 
 SIDES = np.array([1.1, 0.9, 1.3])
@@ -73,12 +73,50 @@ def test_few_points_are_asked_for_where_they_are_slow_and_decide(monkeypatch, ro
     assert boxes == [BOXES * n // 16 for n in asked]
 
 
-def test_volumes_near_a_mean_are_told_from_others():
-    wall = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1))).offset(0.1)
-    points, volume = VolumePoints(wall, loss.BOXES), wall.volume()
-    assert points.near(volume, loss.NEAR)
-    assert not points.near(1.03 * volume, loss.NEAR)
-    assert not points.near(0.97 * volume, loss.NEAR)
+def test_estimates_are_off_by_their_standard_errors():
+    """Walls thicker and thinner than boxes, through maps of which one squeezes."""
+    shapes = [
+        ("gyroid", il.macroshape.box((1, 1, 1)), 0.1),
+        ("diamond", il.macroshape.duck(), (0.0, 0.03)),
+        ("schwarz_p", il.macroshape.torus(), lambda u: 0.01 + 0.01 * u[:, 0]),
+        ("primitive", il.macroshape.cylinder_shell(), 0.004),
+    ]
+    off = []
+    for tile, through, d in shapes:
+        wall = il.Lattice(tile, through=through, repeat=(3, 1, 1)).offset(d)
+        found = [VolumePoints(wall, boxes).filled for boxes in (1 << 12, 1 << 15)]
+        assert found[1].error < 0.5 * found[0].error < 0.1 * found[0].volume
+        off += [(f.volume - wall.volume()) / f.error for f in found]
+    assert max(map(abs, off)) < 3.0
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_estimates_do_not_change_with_the_points_that_are_looked_at_at_once(monkeypatch):
+    wall = il.Lattice("gyroid", through=il.macroshape.duck()).offset(0.1)
+    whole, u = VolumePoints(wall, 4096).filled, VolumePoints(wall, 4096).u
+    monkeypatch.setattr(volume_points, "TOGETHER", 77)
+    some = VolumePoints(wall, 4096)
+    np.testing.assert_array_equal(some.u, u)
+    assert some.filled == pytest.approx(whole, rel=1e-12)
+    part = np.where(wall.field(u) < 0.0, some.weight, 0.0)
+    assert whole.volume == pytest.approx(part.sum(), rel=1e-12)
+
+
+def test_little_is_known_of_walls_that_few_points_are_in():
+    wall = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1))).offset(1e-4)
+    assert VolumePoints(wall, 8).filled == Estimate(0.0, np.inf, 8)
+    points = VolumePoints(wall, 4096)
+    hit = points.weight[wall.field(points.u) < 0.0]
+    assert 0 < len(hit) < 9
+    assert points.filled.error == pytest.approx(3.0 * hit.max())  # more than their root
+
+
+def test_more_boxes_are_asked_for_the_smaller_the_error_should_be():
+    estimate = Estimate(1.0, 0.01, 1000)
+    assert estimate.more(0.0025) == 8000
+    assert estimate.more(0.009) == 2000
+    assert [estimate.more(e) for e in (1e-5, 0.0)] == [32000, 32000]
+    assert estimate._replace(error=np.inf).more(0.01) == 32000
 
 
 def test_solids_as_they_are_are_off_by_their_splines():
