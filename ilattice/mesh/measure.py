@@ -13,10 +13,10 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only, seen
 from ilattice.mesh import _kernels_crossings as crossings
 from ilattice.mesh import _kernels_surface as kernels
+from ilattice.mesh._voxels import Voxels, extent, in_marked
 
-#: Voxels in which triangles near others are found: at most so many each way, and so few that there
-#: are as many as the root of the number of triangles divided by this.
-MAX_VOXELS, PER_VOXEL = 128, 4.0
+#: Most voxels each way in which triangles near others are found.
+MAX_VOXELS = 128
 
 
 class Topology(NamedTuple):
@@ -73,7 +73,7 @@ def volume_and_area(vertices: AnyArray, faces: AnyArray) -> tuple[float, float]:
     """
     if len(faces) == 0:
         return 0.0, 0.0
-    centre = 0.5 * _extent(vertices).sum(axis=0)
+    centre = 0.5 * extent(vertices).sum(axis=0)
     volume, area = kernels.volume_and_area(vertices, faces, centre).sum(axis=0)
     return float(volume / 6.0), float(area / 2.0)
 
@@ -125,34 +125,15 @@ def self_intersections(
     marked = np.zeros(len(faces), np.bool_)
     if len(faces) == 0 or (active is not None and not active.any()):
         return 0, marked
-    low, high = _extent(vertices)
+    low, high = extent(vertices)
     if active is None:
         return _crossings(vertices, faces, np.ones(len(faces), np.bool_), touching, low, high)
-    near = np.flatnonzero(_near(vertices, faces, active, low, high))
+    grid = Voxels.over(low, high - low, len(faces), MAX_VOXELS)
+    voxel = grid.of(vertices)
+    near = np.flatnonzero(in_marked(voxel, faces, grid.marked(voxel, faces, active)))
     pairs, found = _crossings(vertices, seen(faces[near]), active[near], touching, low, high)
     marked[near[found]] = True
     return pairs, marked
-
-
-def _extent(vertices: AnyArray) -> FloatArray:
-    """Least and largest coordinates (2, 3) of vertices."""
-    out = np.empty((2, 3))
-    crossings.extent(seen(vertices), out)
-    return out
-
-
-def _near(
-    vertices: AnyArray, faces: AnyArray, active: AnyArray, low: FloatArray, high: FloatArray
-) -> AnyArray:
-    """Triangles (F,) of which the boxes may touch that of an active one: in the same voxels."""
-    n = int(np.clip(len(faces) ** 0.5 / PER_VOXEL, 1, MAX_VOXELS))
-    voxel = np.empty((len(vertices), 3), np.uint8)
-    scale = n / np.maximum(high - low, np.finfo(np.float64).tiny)
-    crossings.voxels(vertices, low, scale, n, voxel)
-    mask, out = np.zeros((n, n, n), np.bool_), np.empty(len(faces), np.bool_)
-    crossings.mark_voxels(voxel, faces, active, mask)
-    crossings.in_voxels(len(faces), voxel, faces, mask, out)
-    return out
 
 
 def _crossings(

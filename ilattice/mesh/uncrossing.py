@@ -19,15 +19,17 @@ Not guaranteed
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ilattice._geometry import fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.mesh._voxels import Voxels, extent, in_marked
+from ilattice.mesh._windows import Rows, any_corner, around, marked, numbered, whole
 from ilattice.mesh.contouring import split_quads
-from ilattice.mesh.measure import self_intersections
-from ilattice.mesh.repair import Repair, remove_slivers
+from ilattice.mesh.measure import self_intersections, triangle_quality
+from ilattice.mesh.repair import QUALITY, Repair, remove_slivers
 from ilattice.offsets.polish import inside, shortest
 
 if TYPE_CHECKING:
@@ -43,6 +45,10 @@ BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
 #: Most rounds of going back.
 ROUNDS = 16
 
+#: Most voxels each way in which triangles near what crosses are found.
+MAX_VOXELS = 256
+#: A window moves once there are less than this part of the triangles that it was chosen for.
+FEWER = 0.5
 #: Direction along which vertices are sorted.
 ODD = np.array([0.4339, 0.6617, 0.6113])
 #: Vertices so near to each other, relative to the size of all, are in one place.
@@ -73,8 +79,24 @@ class Uncrossed(NamedTuple):
     left: int
 
 
+class _Made(NamedTuple):
+    """Triangles (k, 3) of a window, of which rows they are, and which of all rows are changed.
+
+    `active` ones were not there before, or have moved; `stray` ones of these leave the voxels of
+    which all triangles are in the window.
+    """
+
+    x: FloatArray
+    faces: AnyArray
+    rows: IntArray
+    changed: AnyArray
+    active: AnyArray
+    stray: AnyArray
+    changes: tuple[int, int]
+
+
 class _Surface:
-    """Vertices on the move, and the triangles between them."""
+    """Vertices on the move, and the triangles between them, in a window around what crosses."""
 
     def __init__(
         self,
@@ -85,12 +107,18 @@ class _Surface:
         kind: AnyArray,
         repaired: bool = False,
     ) -> None:
-        self.repaired, self.start = repaired, start
-        self.lattice, self.u, self.kind, self.quads = lattice, u.copy(), kind, faces
+        self.lattice, self.start, self.u, self.kind = lattice, start, u.copy(), kind
         self.x = lattice.through.x(u)
         self.spared = np.zeros(len(u), np.bool_)
         self.moved = np.zeros(len(u), np.bool_)
-        self.before: Any = np.full_like(faces, -1)
+        gone, same = np.full_like(faces, -1), np.zeros(len(faces), np.bool_)
+        self.rows = Rows(faces, gone, same, not repaired)
+        low, high = extent(self.x) if len(u) else np.zeros((2, 3))
+        self.size = float((high - low).max())
+        self.grid = Voxels.over(low, np.repeat(self.size, 3), len(faces), MAX_VOXELS)
+        self.collapses = self.flips = 0
+        self.held: float = np.inf  # triangles for which the window was chosen
+        self.window = whole(self.rows, len(u), self.grid)
         self.retriangulate()
 
     def retriangulate(self) -> None:
@@ -98,34 +126,94 @@ class _Surface:
 
         Only triangles that were not there before, or have moved, are compared with all others.
         """
-        quads = self.quads
-        if self.repaired:
-            rows = np.arange(len(quads))
-            self.repair = Repair(np.arange(len(self.x)), quads, rows, 0, 0, 0)
-        else:
-            quads = quads.copy()
-            split_quads(self.x, quads)
-            self.repair = remove_slivers(self.x, quads, self.kind, spared=self.spared)
-        faces = self.repair.vertices[self.repair.faces]
-        before, self.before = self.before, np.full_like(quads, -1)
-        self.before[self.repair.rows] = faces
-        active = _any(faces != before[self.repair.rows]) | _any(self.moved[faces])
-        self.pairs, crossing = self_intersections(self.x, faces, active, touching=True)
-        doubled = self._doubled(self.repair.vertices)
+        new = self._made()
+        while new.stray.any():
+            stray = self.window.vertices[new.faces[new.stray]]
+            self._look(self.window.mask, stray)
+            new = self._made()
+        w = self.window
+        faces = w.vertices[new.faces]
+        self.rows.faces[w.rows] = -1
+        self.rows.faces[w.rows[new.rows]] = faces
+        self.rows.changed[w.rows] = new.changed
+        self.collapses += new.changes[0]
+        self.flips += new.changes[1]
+        self.pairs, crossing = self_intersections(new.x, new.faces, new.active, touching=True)
+        used = np.zeros(len(new.x), np.bool_)
+        used[new.faces] = True
+        doubled = self._doubled(w.vertices[used])
         self.pairs += len(doubled)
         self.at = np.unique(np.concatenate([faces[crossing].ravel(), doubled.ravel()]))
-        self.faces, self.moved = faces, np.zeros(len(self.x), np.bool_)
+        self.moved = np.zeros(len(self.x), np.bool_)
         self.moved[self.at] = True  # what crosses now is to be looked at again
+        if self.pairs:
+            self._follow()
+
+    def _made(self) -> _Made:
+        """Triangles of the window anew."""
+        w = self.window
+        x, quads = self.x[w.vertices], w.quads
+        rows = np.arange(len(quads))
+        repair = Repair(np.arange(len(x)), quads, rows, 0, 0, 0)
+        if self.rows.paired:
+            quads = quads.copy()
+            split_quads(x, quads)
+            quads[w.frozen] = w.now[w.frozen]
+            rows = np.flatnonzero(quads[:, 0] >= 0)
+            spared = self.spared[w.vertices] | w.fixed
+            repair = remove_slivers(x, quads[rows], self.kind[w.vertices], spared=spared)
+            rows = rows[repair.rows]
+        faces = repair.vertices[repair.faces]
+        changed = np.ones(len(quads), np.bool_)
+        changed[rows] = any_corner(faces != quads[rows])
+        changed |= w.frozen & self.rows.changed[w.rows]
+        now = w.vertices[faces]
+        active = any_corner(now != self.rows.faces[w.rows[rows]]) | any_corner(self.moved[now])
+        stray = active & in_marked(self.grid.of(x), faces, ~w.mask)
+        return _Made(x, faces, rows, changed, active, stray, (repair.collapses, repair.flips))
+
+    def _look(self, mask: AnyArray | bool, faces: AnyArray) -> None:
+        """Move the window to voxels that are marked and those about triangles."""
+        self.near[faces] = True
+        mask = mask | marked(self.x, faces, self.grid)
+        self.window = around(self.x, self.rows, self.grid, mask, self.near)
+
+    def _follow(self) -> None:
+        """Move the window if it does not hold all that is next to what crosses, or much more."""
+        w, (_, faces) = self.window, self._around()
+        alone = np.arange(faces.size).reshape(-1, 3)
+        leaves = in_marked(self.grid.of(self.x[faces.ravel()]), alone, ~w.mask)
+        fixed = np.zeros(len(self.x), np.bool_)
+        fixed[w.vertices[w.fixed]] = True
+        if len(faces) < FEWER * self.held or leaves.any() or fixed[faces].any():
+            self.near, self.held = np.zeros(len(self.x), np.bool_), len(faces)
+            self._look(False, faces)
+
+    def _around(self) -> tuple[AnyArray, AnyArray]:
+        """Marks of vertices of what crosses and of those next to it, and the triangles of these."""
+        faces = self.rows.faces[self.window.rows]
+        faces = faces[faces[:, 0] >= 0]
+        near = np.zeros(len(self.u), np.bool_)
+        near[self.at] = True
+        near[faces[any_corner(near[faces])]] = True
+        return near, faces[any_corner(near[faces])]
+
+    @property
+    def repair(self) -> Repair:
+        """The triangles of the whole surface, and all that was done."""
+        rows = np.flatnonzero(self.rows.faces[:, 0] >= 0)
+        vertices, (faces,) = numbered(len(self.x), self.rows.faces[rows])
+        left = int((triangle_quality(self.x[vertices], faces) < QUALITY).sum())
+        return Repair(vertices, faces, rows, self.collapses, self.flips, left)
 
     def _doubled(self, at: IntArray) -> IntArray:
         """Pairs (n, 2) among vertices that are in one place, though they started apart.
 
         Along a direction that no face of a part is normal to, such vertices follow each other.
         """
-        x = self.x[at]
-        along = x @ ODD
+        along = self.x[at] @ ODD
         order = np.argsort(along)
-        near = ONE_PLACE * float(max(np.ptp(column) for column in x.T)) if len(x) else 0.0
+        near = ONE_PLACE * self.size
         first = np.flatnonzero(np.diff(along[order]) <= 2.0 * near * np.abs(ODD).sum())
         pairs = at[np.stack([order[first], order[first + 1]], axis=1)]
         pairs = pairs[(np.abs(self.x[pairs[:, 0]] - self.x[pairs[:, 1]]) <= near).all(axis=1)]
@@ -140,11 +228,8 @@ class _Surface:
 
     def slid(self) -> tuple[IntArray, FloatArray]:
         """Vertices near crossings, and their places part of the way to their neighbours' mean."""
-        near = np.zeros(len(self.u), np.bool_)
-        near[self.at] = True
-        near[self.faces[_any(near[self.faces])]] = True
+        near, rows = self._around()
         at = np.flatnonzero(near)
-        rows = self.faces[_any(near[self.faces])]
         total, count = np.zeros((len(self.u), 3)), np.zeros(len(self.u))
         for i, j in ((0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)):
             a, b = rows[:, i], rows[:, j]
@@ -209,11 +294,6 @@ def uncrossed(
     if s.pairs:
         unconverged |= _held_back(s, start)
     return Uncrossed(s.u, s.x, s.repair, unconverged, s.pairs)
-
-
-def _any(corners: AnyArray) -> AnyArray:
-    """Which triangles have a corner that is marked, (n,), from marks (n, 3)."""
-    return np.asarray(corners[:, 0] | corners[:, 1] | corners[:, 2])
 
 
 def _stalled(pairs: list[int]) -> bool:

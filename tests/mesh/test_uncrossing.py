@@ -10,7 +10,7 @@ from meshes import joined, sphere, torus
 import ilattice as il
 from ilattice._geometry import between
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh import SurfaceMesh, uncrossing, wall_mesh
+from ilattice.mesh import SurfaceMesh, _windows, uncrossing, wall_mesh
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.measure import self_intersections
@@ -278,3 +278,104 @@ def test_vertices_that_end_in_one_place_are_moved_apart(apart):
     assert len(by_libigl(out.x[kept], out.repair.faces)) == 0
     together = uncrossing.uncrossed(lattice, moved, moved, faces, kind, stays, lost)
     assert not together.unconverged.any()  # as where an edge of the map is a point
+
+
+# --- only around what crosses -------------------------------------------------------------------
+
+
+def disturbed(seed):
+    """A surface in a map without symmetries, and its vertices, of which some moved at random."""
+    rng = np.random.default_rng(seed)
+    control = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 4)] * 3, indexing="ij"), axis=-1)
+    control = (control + rng.uniform(-0.06, 0.06, control.shape)) * [1.3, 0.9, 1.1]
+    through = il.SplineMap(il.BSpline([[0.0] * 4 + [1.0] * 4] * 3, control, 3))
+    axes = [np.linspace(0.0, 1.0, 49) for _ in range(3)]
+    for axis in axes:  # for slivers
+        axis[1:-1] += rng.uniform(-0.009, 0.009, 47)
+
+    def gyroid(u):
+        a, b, c = 4.0 * np.pi * u.T
+        return np.sin(a) * np.cos(b) + np.sin(b) * np.cos(c) + np.sin(c) * np.cos(a)
+
+    raw = contour_arrays(gyroid, axes, level=0.3)
+    u, free = raw.vertices, raw.kind == 0
+    middle = u[rng.choice(np.flatnonzero(free), 3, replace=False)]
+    away = np.linalg.norm(u[:, None] - middle, axis=2).min(axis=1)
+    at = free & (away < 0.03)
+    moved = u.copy()
+    moved[at] = np.clip(u[at] + rng.normal(scale=0.02, size=(at.sum(), 3)), 0.01, 0.99)
+    return il.Lattice("gyroid", through=through), raw, moved, away
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("motion", ["slides", "stuck", "jumps"])
+def test_what_is_done_in_windows_is_what_would_be_done_to_the_whole(seed, motion, monkeypatch):
+    lattice, raw, moved, away = disturbed(seed)
+    real, sizes = _windows.around, []
+
+    def around(*args):
+        window = real(*args)
+        sizes.append(len(window.rows))
+        return window
+
+    def uncrossed():
+        rng = np.random.default_rng(seed)
+
+        def project(u, at):
+            out = moved[at] if motion == "stuck" else u.copy()
+            if motion == "jumps":
+                out[:2] = rng.uniform(0.01, 0.99, out[:2].shape)
+            return out, np.zeros(len(at), bool)
+
+        def lost(u, at):
+            return u, np.ones(len(at), bool)
+
+        return uncrossing.uncrossed(
+            lattice, raw.vertices, moved, raw.faces, raw.kind, project, lost
+        )  # fmt: skip
+
+    monkeypatch.setattr(uncrossing, "around", around)
+    out = uncrossed()
+    assert 0 < sizes[0] < 0.5 * len(raw.faces)
+    mesh = SurfaceMesh(out.x[out.repair.vertices], out.repair.faces)
+    assert found(mesh.vertices, mesh.faces, touching=True)[0] == out.left == 0
+    assert mesh.is_watertight
+    assert mesh.euler == SurfaceMesh(raw.vertices, raw.faces).euler
+    assert out.unconverged.any() == (motion != "slides")
+    far = away > 0.3
+    assert far.any()
+    still = (out.x[far] == lattice.through.x(raw.vertices[far])).all()
+    assert still == (motion != "jumps")  # into triangles far away, which move, too
+    monkeypatch.setattr(
+        uncrossing, "around", lambda x, rows, grid, *_: _windows.whole(rows, len(x), grid)
+    )
+    same = uncrossed()
+    for a, b in ((out.u, same.u), (out.repair.faces, same.repair.faces)):
+        np.testing.assert_array_equal(a, b)
+    assert (out.unconverged == same.unconverged).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_triangles_at_free_vertices_of_a_window_are_all_in_it(seed):
+    lattice, raw, moved, _ = disturbed(seed)
+    s = uncrossing._Surface(lattice, raw.vertices, moved, raw.faces, raw.kind)
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((s.grid.n,) * 3, bool)
+    mask[tuple(rng.integers(0, s.grid.n, (3, 40)))] = True
+    near = np.zeros(len(s.x), bool)
+    near[rng.integers(0, len(near), 20)] = True
+    w = _windows.around(s.x, s.rows, s.grid, mask, near)
+    assert 0 < len(w.rows) < len(raw.faces)
+    inside = np.zeros(len(raw.faces), bool)
+    inside[w.rows] = True
+    now = s.rows.faces[s.rows.faces[:, 0] >= 0]
+    held = inside[s.rows.faces[:, 0] >= 0]
+    free = np.zeros(len(s.x), bool)
+    free[w.vertices[~w.fixed]] = True
+    assert held[free[now].any(axis=1)].all()
+    assert inside[free[raw.faces].any(axis=1)].all()
+    voxel = np.clip((s.x[now].mean(axis=1) - s.grid.low) * s.grid.scale, 0, s.grid.n - 1)
+    assert held[mask[tuple(voxel.astype(int).T)]].all()
+    frozen = s.rows.changed & ~np.isin(np.arange(len(inside)), w.rows[~w.frozen])
+    both = np.concatenate([raw.faces[frozen], s.rows.faces[frozen]]).ravel()
+    assert not free[both[both >= 0]].any()
