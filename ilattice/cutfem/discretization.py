@@ -24,7 +24,8 @@ cells in every direction, which are one when joined twice, it is often four time
 to hold what such cells do not see. Errors of the geometry, of the map and of integration are not
 in it: `CutGrid.error` and ``solution.report.integration_error`` tell the first and last. Splines
 that are too stiff by k make the work of loads 1 / (1 + k) of what it should be, and what is seen of
-it on coarse cells falls behind where k is large: see `of_work`.
+it on coarse cells falls behind where k is large: see `of_work`, and `locking` for thin bars and
+walls at degree 1, which look alike on all of these cells.
 """
 
 import warnings
@@ -78,7 +79,8 @@ ROUNDING, SOLVED = 1e-12, 1e-16
 FEW = 10.0
 
 #: Part of the energy that is missed up to which the rest grows with it: splines that are too stiff
-#: by k = C h², of an energy 1 / (1 + k), add less and less on coarse cells the stiffer they are.
+#: by k = C h², of an energy 1 / (1 + k), add less and less on coarse cells the stiffer they are, so
+#: that what is seen stays below four times an energy, whatever k is.
 STIFF = 0.5
 
 Product = Callable[[FloatArray], FloatArray]
@@ -262,12 +264,14 @@ def _rest(level: Level, first: FloatArray, second: FloatArray, *, unsure: bool) 
 
 
 def warn(
-    error: float, what: str, space: SplineSpace, *, kept: bool = False, varies: bool = False
-) -> None:
+    error: float, what: str, space: SplineSpace, *, kept: bool = False, varies: bool = False,
+    thin: bool = False,
+) -> None:  # fmt: skip
     """Warn of an energy that is off, or of which it is not known by how much.
 
     With `kept` volumes are, which coarse splines cannot do as well as those at hand; a material
-    that `varies` may jump at faces of cells, over which smooth splines do not bend.
+    that `varies` may jump at faces of cells, over which smooth splines do not bend. With `thin` it
+    is solid parts that are thinner than cells which are too stiff, see `locking`.
     """
     if not (error > WARNED or np.isnan(error)):
         return
@@ -278,10 +282,18 @@ def warn(
             f"the cells are too coarse to tell by how much {what} is off: {shape} cells; take two "
             f"or more in every direction, and {2 * (space.degree + 1)} or more in closed ones"
         )
+    elif thin:
+        much = f"{100 * error:.2g} %" if error < 1.0 else f"{error:.2g} times its own size"
+        message = (
+            f"the cells are too coarse: {what} is off by about {much}, as solid parts are thinner "
+            "than cells, and splines of degree 1 are too stiff there in bending; take degree=2 or "
+            "finer cells"
+        )
     else:
         much = f"about {100 * error:.2g} % or less"
         if error > SURE or (varies and space.smoothness > 0):
-            much = f"about {100 * error:.2g} %, or several times that"
+            times = "many" if error > STIFF else "several"
+            much = f"about {100 * error:.2g} %, or {times} times that"
         if error >= 1.0:
             much = "more than its own size"
         if kept and space.degree == 2:

@@ -81,10 +81,10 @@ class Elasticity(ElasticOperators):
         `ilattice.cutfem.anisotropic`.
     degree : {"auto", 1, 2, 3}, keyword-only
         Of the splines. By default 2, or 1 on more than 50,000 cells of the solid (80,000 of walls
-        between two surfaces), and from 8,000 on for struts of a few cells, which it solves to the
-        same error in a fraction of the time: ``solution.report.splines`` tells which and why. 2
-        where any of the next four is given, there are `phases`, or Poisson's ratio is 0.45 or
-        above.
+        between two surfaces), and from 8,000 on for struts of two cells or more, which it solves to
+        the same error in a fraction of the time (thinner ones it does not bend):
+        ``solution.report.splines`` tells which and why. 2 where any of the next four is given,
+        there are `phases`, or Poisson's ratio is 0.45 or above.
     smoothness : int, optional, keyword-only
         Number of derivatives that are continuous across the faces of cells, from 0 to degree - 1,
         which is the default; but 1 for degree 3 where a number of `poisson` is 0.45 or above, as

@@ -125,16 +125,24 @@ def _drawn(problem: Integrals, c: FloatArray, cells: IntArray) -> float:
 def _guessed(problem: Integrals, c: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
     """Energies (n,) of cells by one point of each of their elements, and volumes in parameters."""
     rule, at = _rule_on(problem, problem.domain.volume, cells)
-    volume = rule.integrate_cells()
-    middle = (rule.offsets[:-1] + rule.offsets[1:]) // 2
-    one = replace(
-        rule, points=rule.points[middle], weights=volume, offsets=np.arange(len(middle) + 1)
-    )
-    at = at[middle]
+    one, at = by_one_point(rule), at[_middle(rule)]
     return (
         np.abs(np.bincount(at, problem._energies(c, one), len(cells))),
-        np.maximum(np.bincount(at, volume, len(cells)), 0.0),
+        np.maximum(np.bincount(at, one.weights, len(cells)), 0.0),
     )
+
+
+def by_one_point(rule: Quadrature) -> Quadrature:
+    """A rule in parameters with one point in each cell, the middle one, and all of the weight."""
+    return replace(
+        rule, points=rule.points[_middle(rule)], weights=rule.integrate_cells(),
+        offsets=np.arange(len(rule.offsets)),
+    )  # fmt: skip
+
+
+def _middle(rule: Quadrature) -> IntArray:
+    """The row of the middle point of each cell."""
+    return np.asarray((rule.offsets[:-1] + rule.offsets[1:]) // 2)
 
 
 def _missed(problem: Integrals, c: FloatArray, cells: IntArray, more: int) -> FloatArray:

@@ -18,7 +18,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import coupling, watching
+from ilattice.cutfem import coupling, locking, watching
 from ilattice.cutfem._voigt import PLACES, UNIT
 from ilattice.cutfem.conditions import Connection, Known, Load, values_at
 from ilattice.cutfem.dilatation import FROM, MAX_SMOOTH, Dilatation, as_terms
@@ -389,6 +389,9 @@ class ElasticOperators(Problem):
     @property
     def _keeps_volume(self) -> bool:
         return self.projection is not None
+
+    def _locked(self, c: FloatArray) -> float:
+        return locking.relative_error(self, c)
 
     def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """As of all problems; where volumes are kept, in the energy of a solid that gives in.

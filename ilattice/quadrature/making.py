@@ -59,12 +59,16 @@ def end_face_rule(grid: Laid, name: str, q: int, tangent_depth: int) -> Quadratu
     return _faces(grid, grid.layout.end_faces(axis, side), axis, side, q, accept)
 
 
-def inner_face_rule(grid: Laid, axis: int, q: int, tangent_depth: int) -> Quadrature:
-    """See `CutGrid.faces`."""
+def inner_face_rule(
+    grid: Laid, axis: int, q: int, tangent_depth: int, cells: IntArray | None = None
+) -> Quadrature:
+    """See `CutGrid.faces`; those of some lower cells alone, if they are given."""
     q, accept = _as_order(q, tangent_depth)
     if not among(axis, (0, 1, 2)):
         raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
-    rule = _faces(grid, grid.layout.inner_faces(axis), axis, 1, q, accept)
+    listing = grid.layout.inner_faces(axis)
+    listing = listing if cells is None else _only(listing, cells)
+    rule = _faces(grid, listing, axis, 1, q, accept)
     shape = grid.layout.grid.shape
     i = list(np.unravel_index(rule.cells, shape))
     i[axis] = (i[axis] + 1) % shape[axis]
