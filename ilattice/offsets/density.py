@@ -64,7 +64,9 @@ def tile_volumes(lattice: Tiling) -> FloatArray:
     return np.abs(lattice.through.box_volumes(planes))
 
 
-def volumes(lattice: Tiling, field: Any, q: int | None = None) -> FloatArray:
+def volumes(
+    lattice: Tiling, field: Any, q: int | None = None, *, least: int = POINTS[0]
+) -> FloatArray:
     """Volume of a wall in every tile.
 
     Parameters
@@ -76,6 +78,8 @@ def volumes(lattice: Tiling, field: Any, q: int | None = None) -> FloatArray:
     q : int, optional
         Gauss points per direction and piece of a cell; by default as many as the map needs, see
         `MISSED`.
+    least : int
+        The fewest that are tried by default.
 
     Returns
     -------
@@ -96,7 +100,7 @@ def volumes(lattice: Tiling, field: Any, q: int | None = None) -> FloatArray:
             grid = cut(field, domain=box, through=lattice.through)
         except GeometryError:  # nothing is filled
             continue
-        grid, points = _integrated(grid, lattice, q)
+        grid, points = _integrated(grid, lattice, q, least)
         rule = grid.volume(points).in_space()
         cells = np.unravel_index(rule.cells, grid.grid.shape)
         middles = [0.5 * (axis[:-1] + axis[1:]) for axis in grid.grid.axes]
@@ -106,16 +110,16 @@ def volumes(lattice: Tiling, field: Any, q: int | None = None) -> FloatArray:
     return out
 
 
-def _integrated(grid: CutGrid, lattice: Tiling, q: int | None) -> tuple[CutGrid, int]:
+def _integrated(grid: CutGrid, lattice: Tiling, q: int | None, least: int) -> tuple[CutGrid, int]:
     """Cells and Gauss points with which the map itself is integrated over tiles to `MISSED`."""
     through = lattice.through
     bent = _with_planes(grid, [through.bends(a) for a in range(3)])
     if q is not None:
         return bent, q
-    if any(_missed(axes, lattice, POINTS[0]) <= MISSED for axes in _joined(bent, lattice)):
-        return bent, POINTS[0]
+    if any(_missed(axes, lattice, least) <= MISSED for axes in _joined(bent, lattice)):
+        return bent, least
     split, missed = _with_planes(grid, [through.spline.breaks(a) for a in range(3)]), np.inf
-    for points in POINTS:
+    for points in POINTS[POINTS.index(least) :]:
         missed = _missed(split.grid.axes, lattice, points)
         if missed <= MISSED:
             return split, points

@@ -155,8 +155,13 @@ class OffsetSolid(Shown):
     def _volume(self) -> float:
         """The volume, without a word on how good the spline is."""
         if "volume" not in self._known:
-            self._known["volume"] = float(volumes(self.lattice, self.level_sets()).sum())
+            self._known["volume"] = float(self._filled.sum())
         return self._known["volume"]
+
+    @cached_property
+    def _filled(self) -> FloatArray:
+        """Volume in every tile."""
+        return volumes(self.lattice, self.level_sets())
 
     @cached_property
     def _estimates(self) -> list[Estimate]:
@@ -233,7 +238,7 @@ class OffsetSolid(Shown):
             Relative density.
         """
         per_cell = as_flag("per_cell", per_cell)
-        filled, tiles = volumes(self.lattice, self.level_sets()), tile_volumes(self.lattice)
+        filled, tiles = self._filled, tile_volumes(self.lattice)
         return filled / tiles if per_cell else float(filled.sum() / tiles.sum())
 
     @cached_property

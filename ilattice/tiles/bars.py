@@ -10,18 +10,19 @@ one. Non-guarantee: varying radii, curves, plates and smooth unions are not stat
 """
 
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
-from ilattice.fields import capsule, sphere, translate, union
+from ilattice._typing import FloatArray
+from ilattice.fields import capsule, half_space, intersection, sphere, translate, union
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.algebra import placed
 from ilattice.fields.node import Node
+from ilattice.tiles._tiled_bars import Bar, Joint, tiled
 from ilattice.tiles.entities import Ball, Group, Polyline, Segments, Single
-from ilattice.tiles.skeleton import ON_FACE, SkeletonField
+from ilattice.tiles.skeleton import SkeletonField
 from ilattice.tiles.tile import Tile
 
 __all__ = ["BarsInBox", "solid_of_bars"]
@@ -31,9 +32,6 @@ __all__ = ["BarsInBox", "solid_of_bars"]
 MAX_BARS, IMAGES = 100, 20_000
 #: Parts of a tile, per direction, in which bars are integrated where no cells are given.
 PER_TILE = 8
-
-#: Ends and radius.
-Bar = tuple[FloatArray, FloatArray, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,38 +89,35 @@ def solid_of_bars(
     box : ndarray, shape (2, 3)
         The box.
     most : int
-        Bars above which there is no solid of them.
+        Bars above which there is no solid of them; where two meet at a face of tiles that do not
+        repeat, and not on one line, that is one more.
 
     Returns
     -------
     BarsInBox or None
-        What is negative in the solid, at points of the box; None for other tiles, and where tiles
-        follow each other in a direction in which they do not repeat, or bars end on faces across
-        which they do not: an open face continues them.
+        What is negative in the solid, at points of the box; None for other tiles.
     """
     field, count = tile.field, np.array(repeat)
-    if not isinstance(field, SkeletonField) or not (field.repeats | (count == 1)).all():
+    if not isinstance(field, SkeletonField) or field.count > IMAGES:
         return None
     if field.blend > 0.0 and field.count > 1:  # images of one are joined sharply
         return None
-    bars: list[Bar] = []
-    if field.count > IMAGES:
-        return None
+    own: list[Bar] = []
     for one in _singles(field):
         found = _bars(one, field.radius, tile.level)
         if found is None:
             return None
-        if any(_ends_on_faces(bar, field) for bar in found):
-            return None
-        for bar in found:
-            bars += _images(bar, field, count)
-        if len(bars) > IMAGES:
-            return None
-    bars = _merged(bars)
-    if len(bars) > most:
+        own += found
+    copies = tiled(own, field, count, IMAGES) if len(own) * count.prod() <= IMAGES else None
+    if copies is None:
         return None
+    bars = _merged(copies.bars)
+    if len(bars) + len(copies.joints) > most:
+        return None
+    solids = [_solid(bar, field.cell) for bar in bars]
+    solids += [_joint(joint, field.cell) for joint in copies.joints]
     matrix = field.cell @ np.diag(count / np.ptp(box, axis=0))
-    solid = placed(union(*map(_solid, bars)), matrix, -matrix @ box[0])
+    solid = placed(union(*solids), matrix, -matrix @ box[0])
     return BarsInBox(solid, np.array(box), repeat)
 
 
@@ -138,7 +133,7 @@ def _bars(one: Any, radius: float | None, level: float) -> list[Bar] | None:
         ends, radii = one.points, one.at_ends(radius) + level
         if np.ptp(radii, axis=1).any() or not (radii > 0.0).all():
             return None
-        return [(a, b, float(r)) for (a, b), r in zip(ends, radii[:, 0], strict=True)]
+        return [Bar(a, b, float(r)) for (a, b), r in zip(ends, radii[:, 0], strict=True)]
     r = radius if getattr(one, "radius", None) is None else one.radius
     if not isinstance(one, Polyline | Ball) or r is None or callable(r) or np.size(r) != 1:
         return None
@@ -146,55 +141,37 @@ def _bars(one: Any, radius: float | None, level: float) -> list[Bar] | None:
     if r <= 0.0:
         return None
     if isinstance(one, Ball):
-        return [(one.centre, one.centre, r)]
-    return [(a, b, r) for a, b in pairwise(one.points) if (a != b).any()]
-
-
-def _ends_on_faces(bar: Bar, field: SkeletonField) -> bool:
-    """Whether a bar ends on a face across which nothing repeats."""
-    ends = np.stack(bar[:2]) @ np.linalg.inv(field.cell).T
-    on = (np.abs(ends) <= ON_FACE) | (np.abs(ends - 1.0) <= ON_FACE)
-    return bool((on & ~np.array(field.repeats)).any())
-
-
-def _images(bar: Bar, field: SkeletonField, count: IntArray) -> list[Bar]:
-    """The copies of a bar that reach into the tiles."""
-    a, b, r = bar
-    back = np.linalg.inv(field.cell)
-    reach = r * np.linalg.norm(back, axis=1)  # of a ball, in edges of the tile
-    ends = np.stack([a, b]) @ back.T
-    first = np.where(field.repeats, np.ceil(-ends.max(axis=0) - reach), 0.0).astype(int)
-    last = np.where(field.repeats, np.floor(count - ends.min(axis=0) + reach), 0.0).astype(int)
-    steps = product(*(range(m, n + 1) for m, n in zip(first, last, strict=True)))
-    moves = [field.cell @ np.array(step, float) for step in steps]
-    return [(a + x, b + x, r) for x in moves]
+        return [Bar(one.centre, one.centre, r)]
+    found = [(a, b) for a, b in pairwise(one.points) if (a != b).any()]
+    first, last = (() if one.closed else (0,)), (() if one.closed else (len(found) - 1,))
+    return [Bar(a, b, r, (i in first, i in last)) for i, (a, b) in enumerate(found)]
 
 
 def _merged(bars: list[Bar]) -> list[Bar]:
     """Those that overlap or touch on one line, with one radius, as one; all others once."""
     lines: dict[Any, list[tuple[float, float, FloatArray, FloatArray]]] = {}
-    for a, b, r in bars:
+    for a, b, r, _, cuts in bars:
         length = float(np.linalg.norm(b - a))
         if length == 0.0:
-            lines.setdefault((*_rounded(a / r), r), []).append((0.0, 0.0, a, b))
+            lines.setdefault((*_rounded(a / r), r, cuts), []).append((0.0, 0.0, a, b))
             continue
         way = (b - a) / length
         way = way * np.sign(way[np.abs(way) > 1e-6][0])
         foot = a - (a @ way) * way
         (s, a), (t, b) = sorted(((float(x @ way), x) for x in (a, b)), key=lambda end: end[0])
-        lines.setdefault((*_rounded(way), *_rounded(foot / r), r), []).append((s, t, a, b))
+        lines.setdefault((*_rounded(way), *_rounded(foot / r), r, cuts), []).append((s, t, a, b))
     out: list[Bar] = []
-    for key, row in lines.items():
+    for (*_, r, cuts), row in lines.items():
         row.sort(key=lambda bar: bar[:2])
         _, high, start, end = row[0]
         for s, t, a, b in row[1:]:
-            if s > high + 1e-9 * key[-1]:
-                out.append((start, end, key[-1]))
+            if s > high + 1e-9 * r:
+                out.append(Bar(start, end, r, cuts=cuts))
                 high, start, end = t, a, b
             elif t > high:
                 high, end = t, b
-        out.append((start, end, key[-1]))
-    return sorted(out, key=lambda bar: [*bar[0], *bar[1]])  # rules differ a little with the order
+        out.append(Bar(start, end, r, cuts=cuts))
+    return sorted(out, key=lambda bar: [*bar.a, *bar.b])  # rules differ a little with the order
 
 
 def _rounded(x: FloatArray) -> tuple[float, ...]:
@@ -202,6 +179,24 @@ def _rounded(x: FloatArray) -> tuple[float, ...]:
     return tuple((np.round(x, 7) + 0.0).tolist())
 
 
-def _solid(bar: Bar) -> Node:
-    a, b, r = bar
-    return capsule(a, b, r) if (a != b).any() else translate(sphere(r), a)
+def _solid(bar: Bar, cell: FloatArray) -> Node:
+    """A bar as far as it is not cut."""
+    a, b, r, _, cuts = bar
+    whole = capsule(a, b, r) if (a != b).any() else translate(sphere(r), a)
+    if not cuts:
+        return whole
+    return intersection(whole, *(_beside(cut.axis, cut.plane, cut.above, cell) for cut in cuts))
+
+
+def _joint(joint: Joint, cell: FloatArray) -> Node:
+    """What two bars that are cut at a face have in common within half a tile of it."""
+    below, above, axis, plane, cuts = joint
+    ends = [_beside(axis, plane + side, side < 0.0, cell) for side in (-0.5, 0.5)]
+    return intersection(*(_solid(bar._replace(cuts=cuts), cell) for bar in (below, above)), *ends)
+
+
+def _beside(axis: int, plane: float, above: bool, cell: FloatArray) -> Node:
+    """What is below or above a plane along an edge of a cell."""
+    normal = np.linalg.inv(cell)[axis]
+    sign, size = (-1.0 if above else 1.0), float(np.linalg.norm(normal))
+    return half_space(sign * normal, sign * plane / size)

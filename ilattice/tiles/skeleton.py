@@ -245,6 +245,11 @@ class SkeletonField(Field, Frozen):
         """A lower bound of all radii."""
         return self._own_pieces.least
 
+    @property
+    def far(self) -> float:
+        """How far ends on open and closed faces go on."""
+        return 2.0 * float(np.linalg.norm(self.cell, axis=0).max())
+
     @cached_property
     def stretched(self) -> bool:
         """Whether the cell is not the unit cube."""
@@ -298,7 +303,6 @@ class SkeletonField(Field, Frozen):
 
     @cached_property
     def _own_pieces(self) -> Pieces:
-        far = 2.0 * float(np.linalg.norm(self.cell, axis=0).max())
         groups = np.cumsum([0, *_counts(self.entities)]) * (self.blend > 0.0)
         parts = []
         for e, items, group in zip(self.entities, self._items, groups, strict=False):
@@ -308,7 +312,7 @@ class SkeletonField(Field, Frozen):
                 if one is e and isinstance(e, Segments) and self.blend > 0.0:
                     own = group + np.arange(len(e.points))
                 parts.append(Part(one, radius, own, f"entities[{items[0]}]"))
-        return pieces_of(parts, self._outward, far)
+        return pieces_of(parts, self.outward, self.far)
 
     @cached_property
     def _tree(self) -> Tree:
@@ -349,8 +353,19 @@ class SkeletonField(Field, Frozen):
                 rows.append([*(n if upper else -n), upper / np.linalg.norm(inverse[axis])])
         return np.array(rows).reshape(-1, 4)
 
-    def _outward(self, p: FloatArray, direction: FloatArray) -> AnyArray:
-        """Whether directions leave the cell through faces that are not periodic, at points."""
+    def outward(self, p: FloatArray, direction: FloatArray) -> AnyArray:
+        """Whether entities go on straight at their ends, through faces that are not periodic.
+
+        Parameters
+        ----------
+        p, direction : ndarray, shape (n, 3)
+            Ends in space, and unit vectors along which entities come there.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            Whether they do, by `far`.
+        """
         inverse = np.linalg.inv(self.cell)
         u, d = (np.einsum("ij,nj->ni", inverse, a) for a in (p, direction))
         out = np.zeros(len(p), np.bool_)
