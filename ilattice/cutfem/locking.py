@@ -19,7 +19,8 @@ Guarantees: the same number for the same problem; none where what is drawn is th
 cells, or stretched without bending. Non-guarantees: an estimate, and no bound: beside supports, and
 where bars meet within a cell, it knows no better than elsewhere, and plates that prescribed values
 stretch and hardly bend are told to be up to eight times as far off as they are. Heated solids,
-materials that keep volume and grids that are closed where the map is not are passed over.
+solids of two phases, materials that keep volume and grids that are closed where the map is not are
+passed over.
 """
 
 import numpy as np
@@ -95,6 +96,7 @@ def _applies(problem: Problem) -> bool:
     return not (
         problem.assembly.space.degree > 1
         or problem._keeps_volume
+        or problem.domain.interface is not None
         or any(load.kind == "temperature" for load in problem.loads)
         or any(g and not r for g, r in zip(closed, ring, strict=True))
     )

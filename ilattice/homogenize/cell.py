@@ -360,14 +360,19 @@ class CellProblem(Problem):
 
     def _explain(self, error: ConvergenceError) -> None:
         """Raise what it is due to, where it is due to phases that are too different."""
-        least, most = np.array(self._stiffnesses()).T
-        contrast = float(most.max() / least.min())
+        contrast = self._contrast
         if contrast > CONTRAST:
             raise ConvergenceError(
                 f"the equations are too ill-conditioned for double precision: the material's "
                 f"stiffness or conductivity differs by a factor of {contrast:.2g} in the cell; "
                 f"take {CONTRAST:g} or less, or a void instead of the soft phase"
             ) from error
+
+    @property
+    def _contrast(self) -> float:
+        """Factor between the largest and the least stiffness or conductivity in the cell."""
+        least, most = np.array(self._stiffnesses()).T
+        return float(most.max() / least.min())
 
     def _stiffnesses(self) -> list[tuple[float, float]]:
         """The least and the largest stiffness or conductivity of each phase."""
@@ -550,6 +555,10 @@ class CellProblem(Problem):
         """Warn of edges of the cell along which nothing is borne, and refuse nothing."""
         warn_of_axes(self.percolates)
 
+    def warn_of_contrast(self) -> None:
+        """See `warn_of_contrast`, of a cell that could be solved for."""
+        warn_of_contrast(self._contrast)
+
 
 def _step(part: Quadrature, moduli: Callable[[FloatArray], FloatArray]) -> float:
     """Largest factor between moduli on both sides of faces of full cells, of a rule by elements."""
@@ -579,6 +588,19 @@ def spread(errors: FloatArray) -> FloatArray:
     """Errors (k, k) of a property of those of its diagonal: semidefinite, as those of energies."""
     root = np.sqrt(errors)
     return np.outer(root, root)
+
+
+def warn_of_contrast(contrast: float) -> None:
+    """Warn of materials so different that double precision leaves little of what is soft."""
+    if contrast > CONTRAST:
+        warnings.warn(
+            f"materials differ by a factor of {contrast:.2g} in the cell: what is softer than "
+            f"{SOFT:g} of the stiffest direction counts as nothing, and rounding, which `error` "
+            f"need not hold, may be {100 * ROUNDED * contrast:.2g} % or more of what is soft; take "
+            f"{CONTRAST:g} or less, or a void instead of the soft phase",
+            PrecisionWarning,
+            stacklevel=outside(),
+        )
 
 
 def warn_of_axes(percolates: tuple[bool, bool, bool], names: str = EDGES, rest: str = "") -> None:

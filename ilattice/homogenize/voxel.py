@@ -50,7 +50,7 @@ from ilattice.homogenize.bounds import (
     conductive_bounds,
     elastic_bounds,
 )
-from ilattice.homogenize.cell import warn_of_axes
+from ilattice.homogenize.cell import warn_of_axes, warn_of_contrast
 from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.images import read_voxels
@@ -437,9 +437,11 @@ def _going_on(cells: Labelled, grid: VoxelGrid) -> tuple[bool, bool, bool]:
 
 
 def _warn_of(solid: tuple[bool, bool, bool], table: FloatArray) -> None:
-    """Warn of axes along which there is no way through solid voxels."""
+    """Warn of axes along which there is no way through solid voxels, and of contrasts."""
     soft = np.abs(table).max(axis=1).min() > 0
     warn_of_axes(solid, "xyz", "voids, which are soft here," if soft else "")
+    most = np.abs(table).max(axis=1)
+    warn_of_contrast(float(most.max() / most[most > 0.0].min(initial=most.max())))
 
 
 def _elastic_bounds(

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.sparse import bsr_array, issparse
 
 from ilattice._progress import Progress
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
     as_array,
@@ -43,10 +43,10 @@ from ilattice.linalg._engines import ENGINES, LIMIT, SINGULAR, choose, factor_si
 from ilattice.linalg._krylov import Run, conjugate_gradients
 from ilattice.linalg.symmetric import Symmetric
 
-#: Largest entry of a matrix.
-LARGEST = 1e140
-#: Largest part of |x| |K y| by which x K y and y K x may differ.
-ASYMMETRY = 1e-9
+#: Largest entry of a matrix, and least one of its diagonal.
+LARGEST, SMALLEST = 1e140, 1e-140
+#: Part of the geometric mean of two diagonal entries by which those between them may differ.
+ASYMMETRY = 1e-11
 #: Steps that are allowed from which on a factor takes over where they are not enough.
 MANY = 100
 #: Right-hand sides that are solved together, at most.
@@ -240,7 +240,9 @@ class Solver:
             raise InputError(f"tol must be between 1e-15 and 1, got {tol:g}")
         steps = as_whole("max_iterations", max_iterations, 1, 2**31)
         start = time.perf_counter()
-        rows = np.ascontiguousarray(loads.T)
+        # powers of two, so that squares of very small or large loads neither vanish nor overflow
+        power = np.frexp(np.abs(loads).max(axis=0))[1]
+        rows = np.ascontiguousarray(np.ldexp(loads, -power).T)
         runs: list[Run] = []
         for i in range(0, len(rows), TOGETHER):
             runs += self._run(rows[i : i + TOGETHER], tol, steps, progress)
@@ -257,7 +259,8 @@ class Solver:
             self._bytes / 1e6,
             rounded=any(run.rounded for run in runs),
         )
-        return np.stack([run.x for run in runs], axis=1).reshape(np.shape(b)), report
+        x = np.ldexp(np.stack([run.x for run in runs], axis=1), power)
+        return x.reshape(np.shape(b)), report
 
     def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> list[Run]:
         """Solve for rows of b, if need be with another method."""
@@ -377,12 +380,21 @@ def _as_blocks(given: Any) -> bsr_array:
         K.sum_duplicates()
     if len(K.data) >= 2**31:
         raise InputError(f"K has {len(K.data)} blocks, more than 32-bit indices can count")
+    if np.iscomplexobj(K.data):
+        raise InputError(
+            f"K must be real, got {K.data.dtype}; split it into real and imaginary parts"
+        )
     data = np.ascontiguousarray(check_finite("K.data", np.asarray(K.data, np.float64)))
     largest = max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))
     if largest > LARGEST:
         raise InputError(
             f"K has entries of {largest:.3g}, of which squares overflow; use other units, so that "
             f"they are below {LARGEST:g}"
+        )
+    if 0.0 < largest < SMALLEST:
+        raise InputError(
+            f"K has entries of {largest:.3g} at most, of which squares vanish; use other units, so "
+            f"that they are above {SMALLEST:g}"
         )
     indices, indptr = (np.asarray(a, np.int32) for a in (K.indices, K.indptr))
     return bsr_array((data, indices, indptr), shape=K.shape)
@@ -398,14 +410,41 @@ def _half(K: bsr_array) -> Symmetric:
             f"K must have a positive diagonal: it has no entry for node {int(np.argmin(there))}; "
             "drop nodes without stiffness"
         )
-    half = Symmetric.of(K)
-    x, y = np.random.default_rng(0).standard_normal((2, K.shape[0]))
-    Kx, other = K @ x, np.empty_like(x)
-    half.multiply(x, other, 0)
-    gap = abs(float(y @ (Kx - other)))
-    if gap > ASYMMETRY * np.linalg.norm(y) * np.linalg.norm(Kx):
-        raise InputError(f"K must be symmetric: y K x and x K y differ by {gap:.2e}")
-    return half
+    _check_symmetric(K, rows)
+    return Symmetric.of(K)
+
+
+def _check_symmetric(K: bsr_array, rows: AnyArray) -> None:
+    """Compare entries with those across the diagonal, relative to what is on it in both rows."""
+    across = np.argsort(K.indices, kind="stable")  # in the order of columns
+    if not (np.array_equal(K.indices, rows[across]) and np.array_equal(rows, K.indices[across])):
+        _check_symmetric(*_filled_up(K))
+        return
+    size = np.sqrt(np.abs(K.diagonal())).reshape(-1, K.blocksize[0])
+    for lo in range(0, len(across), FINE):
+        some = slice(lo, lo + FINE)
+        gap = np.abs(K.data[some] - K.data[across[some]].transpose(0, 2, 1))
+        least = ASYMMETRY * size[rows[some], :, None] * size[K.indices[some], None, :]
+        if (gap > least).any():
+            k, a, b = np.argwhere(gap > least)[0]
+            m, at = K.blocksize[0], lo + k
+            raise InputError(
+                f"K must be symmetric: the entries ({m * rows[at] + a}, {m * K.indices[at] + b}) "
+                f"and across the diagonal differ by {gap[k, a, b]:.2e}"
+            )
+
+
+def _filled_up(K: bsr_array) -> tuple[bsr_array, AnyArray]:
+    """The same matrix with zero blocks where others are across the diagonal, and rows of blocks."""
+    n, m = len(K.indptr) - 1, K.blocksize[0]
+    rows = np.repeat(np.arange(n), np.diff(K.indptr))
+    i, j = np.concatenate([rows, K.indices]), np.concatenate([K.indices, rows])
+    key, slot = np.unique(i.astype(np.int64) * n + j, return_inverse=True)
+    data = np.zeros((len(key), m, m))
+    data[slot[: len(rows)]] = K.data
+    rows = (key // n).astype(np.int32)
+    offsets = np.append(0, np.cumsum(np.bincount(rows, minlength=n))).astype(np.int32)
+    return bsr_array((data, (key % n).astype(np.int32), offsets), shape=K.shape), rows
 
 
 def _again(K: Any, near_nullspace: Any, method: str, coordinates: Any) -> Solver:

@@ -10,7 +10,7 @@ import warnings
 import numba
 import numpy as np
 import pytest
-from scipy.sparse import bsr_array, csr_array, diags_array, eye_array
+from scipy.sparse import bsr_array, csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu, spsolve
 
 import ilattice as il
@@ -425,3 +425,47 @@ def test_memory_stays_flat_over_300_solves():
             assert (solve(220) - first) / 220 < 500
         finally:
             tracemalloc.stop()
+
+
+def _grid(n):
+    """Stiffness of a square grid of springs, held by its rim."""
+    line = 2.0 * eye_array(n) - eye_array(n, k=1) - eye_array(n, k=-1)
+    return (kron(line, eye_array(n)) + kron(eye_array(n), line)).tolil()
+
+
+@pytest.mark.parametrize("method", ["auto", "superlu", "multigrid"])
+@pytest.mark.parametrize("stiff", [1.0, 1e9])
+def test_soft_parts_that_are_not_symmetric_are_refused(method, stiff):
+    """However large other entries are: half of such a matrix has another solution."""
+    K = _grid(20)
+    K[0, 0] += stiff
+    assert Solver(K.tocsr(), method=method).solve(np.ones(400))[1].residual < 1e-8
+    K[250, 251] = 0.0
+    with pytest.raises(InputError, match=r"symmetric: the entries \(25., 25.\)"):
+        Solver(K.tocsr(), method=method)
+
+
+def test_blocks_on_the_diagonal_must_be_symmetric():
+    block = np.array([[4.0, 3.0, 0.0], [-3.0, 4.0, 0.0], [0.0, 0.0, 5.0]])
+    K = bsr_array(kron(eye_array(20), block), blocksize=(3, 3))
+    with pytest.raises(InputError, match="symmetric"):
+        Solver(K)
+
+
+def test_matrices_must_be_real_and_not_tiny():
+    with pytest.raises(InputError, match="real"):
+        Solver(csr_array(np.array([[2.0, 1j], [-1j, 2.0]])))
+    with pytest.raises(InputError, match="vanish"):
+        Solver(1e-200 * _grid(5).tocsr())
+
+
+@pytest.mark.parametrize("method", ["superlu", "multigrid"])
+def test_very_small_and_large_loads(method):
+    """Their squares are no numbers; solutions are those of others, times a power of two."""
+    solver = Solver(_grid(12).tocsr(), method=method)
+    b = np.random.default_rng(0).standard_normal((144, 3))
+    x, _ = solver.solve(b)
+    for power in (-700, 700):
+        y, report = solver.solve(np.ldexp(b, power))
+        np.testing.assert_array_equal(np.ldexp(y, -power), x)
+        assert report.residual < 1e-8

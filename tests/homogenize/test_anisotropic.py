@@ -394,3 +394,22 @@ def test_too_different_phases_are_told(hard_outside):
     assert refused
     finer = elastic(full, 16, young=(1e6, 1.0), estimate=False, **names)
     assert 0.0 < fair.C[0, 0] / finer.C[0, 0] - 1 < fair.error < 0.1
+
+
+@pytest.mark.parametrize("contrast", [1e8, 1e10])
+def test_contrasts_beyond_double_precision_are_told(contrast):
+    """A laminate bears 2 along its normal; softer than 1e-9 of the rest it counts as nothing."""
+    array = np.zeros((8, 2, 2), int)
+    array[4:] = 1
+    calls = (
+        lambda: voxels(array, young=(1.0, contrast), poisson=0.0).E((1, 0, 0)),
+        lambda: elastic(full, (8, 4, 4), young=(1.0, contrast), poisson=0.0, degree=1,
+                        phases=lambda x: np.abs(x[:, 0] - 0.5) - 0.25).E((1, 0, 0)),
+    )  # fmt: skip
+    for call in calls:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            found = call()
+        told = any("counts as nothing" in str(w.message) for w in caught)
+        assert told == (contrast > 1e9)
+        assert found == pytest.approx(0.0 if told else 2.0, rel=1e-3)

@@ -7,6 +7,7 @@ import pytest
 
 import ilattice as il
 from ilattice.mesh.loss import NEAR, REFUSED, TOLD, loss_of
+from ilattice.offsets import solid
 from ilattice.offsets import wall as walls
 from ilattice.offsets.volume_points import Estimate
 
@@ -46,7 +47,10 @@ def exact(monkeypatch):
     """How often the exact volume was asked for; many points are taken first."""
     monkeypatch.setattr(walls, "PER_CELL", MANY)
     asked, volumes = [], walls.volumes
-    monkeypatch.setattr(walls, "volumes", lambda *a: (asked.append(1), volumes(*a))[1])
+    for module in (walls, solid):
+        monkeypatch.setattr(
+            module, "volumes", lambda *a, **more: (asked.append(1), volumes(*a, **more))[1]
+        )
     return asked
 
 
@@ -56,7 +60,8 @@ def test_what_is_told_by_random_points_is_what_the_exact_volume_tells(name, exac
     whole = same.volume()
     by_points = 0
     for part in PARTS:
-        wall.__dict__.pop("_estimates", None)
+        for name in ("_estimates", "_filled"):
+            wall.__dict__.pop(name, None)
         wall._known.clear()
         exact.clear()
         loss, expected = told(wall, part, whole), told(same, part, whole)
