@@ -295,7 +295,7 @@ def edges_are_sharp():
 
 CASES = [
     ("cutfem.problem", "FREE", 1e-30, what_can_move_along_an_oblique_axis_is_not_held,
-     AssertionError, r"assert {} == {0: \(2, 6\)}"),
+     AssertionError, r"assert {.*} == {0: \(2, 6\)}"),
     ("cutfem.problem", "AT_REST", 0.0, bodies_that_only_move_store_nothing,
      PrecisionWarning, r"the strain energy is off by"),
     ("cutfem.weak", "NITSCHE", 1e-3, weak_supports_hold,

@@ -291,7 +291,7 @@ class Heat(Problem):
 
     def _transient_error(self, c: FloatArray) -> tuple[float, float]:
         """See `discretization` and `integration`, of the temperature at one time."""
-        K = self.system.half
+        K = self.system._half
         energy = self._energy_of(lambda x: K @ x, c)
         splines = self._discretization_error(lambda x: K @ x, c, energy)
         return splines, self._rules_error(c, energy)

@@ -43,8 +43,6 @@ class System(Frozen):
 
     Attributes
     ----------
-    half : Symmetric
-        Matrix of blocks, of which one half is kept.
     b : ndarray, shape (n,)
         Right-hand side.
     near_nullspace : ndarray, shape (n, k)
@@ -55,7 +53,7 @@ class System(Frozen):
         What is prescribed, to go back to all coefficients.
     """
 
-    half: Symmetric
+    _half: Symmetric
     b: FloatArray
     near_nullspace: FloatArray
     coordinates: FloatArray
@@ -64,7 +62,7 @@ class System(Frozen):
     @property
     def K(self) -> Any:
         """The whole matrix as a `bsr_array`, put together at every call."""
-        return self.half.whole()
+        return self._half.whole()
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -262,7 +260,7 @@ class Problem(Integrals):
         key = ("solver", method)
         if key not in self._held:
             self._held[key] = Solver(
-                system.half, near_nullspace=system.near_nullspace, method=method,
+                system._half, near_nullspace=system.near_nullspace, method=method,
                 coordinates=system.coordinates,
             )  # fmt: skip
         if not system.b.any():

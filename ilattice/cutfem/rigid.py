@@ -145,7 +145,7 @@ def _solve(problem: ElasticOperators, method: str, tol: float, max_iterations: i
     key = ("solver", method)
     if key not in problem._held:
         problem._held[key] = Solver(
-            system.half,
+            system._half,
             near_nullspace=system.near_nullspace,
             method=method,
             coordinates=system.coordinates,

@@ -526,9 +526,9 @@ class CellProblem(Problem):
         key, system = ("solver", method), self.system
         if key not in self._held:
             if method == "auto":
-                method = "superlu" if system.half.shape[0] <= SMALL else "multigrid"
+                method = "superlu" if system._half.shape[0] <= SMALL else "multigrid"
             self._held[key] = Solver(
-                system.half, near_nullspace=system.near_nullspace, method=method,
+                system._half, near_nullspace=system.near_nullspace, method=method,
                 coordinates=system.coordinates,
             )  # fmt: skip
         solver: Solver = self._held[key]

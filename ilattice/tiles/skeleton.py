@@ -366,6 +366,12 @@ class SkeletonField(Field, Frozen):
         ndarray of bool, shape (n,)
             Whether they do, by `far`.
         """
+        p, direction = as_points("p", p), as_points("direction", direction)
+        if len(p) != len(direction):
+            raise InputError(
+                f"p and direction must be as many, got {len(p)} and {len(direction)}; give one "
+                "direction per end"
+            )
         inverse = np.linalg.inv(self.cell)
         u, d = (np.einsum("ij,nj->ni", inverse, a) for a in (p, direction))
         out = np.zeros(len(p), np.bool_)

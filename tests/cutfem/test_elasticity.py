@@ -676,6 +676,6 @@ def test_the_matrix_is_kept_once(degree):
     scale = np.abs(K.data).max() * np.abs(c).max()
     assert np.abs(held._times(c) - expected).max() < 1e-13 * scale
     assert held._split.rest.nnz < 0.6 * K.nnz
-    assert system.half is held._split.free
+    assert system._half is held._split.free
     unheld = problem.load(gravity=(0, 0, 1))
     assert unheld._stiffness is unheld._split.free  # nothing to leave out

@@ -267,7 +267,7 @@ def test_the_faster_engine_is_chosen(box, cells, degree, chosen, monkeypatch):
     full = lambda u: -np.ones(len(u))  # noqa: E731
     problem = Elasticity(full, cells, domain=[[0, 0, 0], box], degree=degree).clamp("u=0")
     S = problem.load(body=(0, 0, 1.0)).system
-    assert _engines.choose(S.half, S.coordinates) == chosen
+    assert _engines.choose(S._half, S.coordinates) == chosen
 
 
 def test_automatic_choice():
@@ -377,7 +377,7 @@ def test_the_size_of_a_factor_is_predicted_for_all_functions(p, r, cells):
     K = system.K
     factor = splu(K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                   options={"SymmetricMode": True})  # fmt: skip
-    assert 0.9 < factor_size(system.half) / factor.L.nnz < 1.6
+    assert 0.9 < factor_size(system._half) / factor.L.nnz < 1.6
 
 
 # ------------------------------------------------------------------------------ many, anywhere
