@@ -26,7 +26,7 @@ FEW = 3.0
 TOGETHER = 1 << 18
 #: Powers of the number of boxes over that of the error they leave, where boxes are smaller than
 #: the wall is thick; and the most and the least times as many boxes that are looked into next.
-POWER, MOST_MORE, LEAST_MORE = 1.5, 32.0, 2.0
+POWER, MAX_MORE, MIN_MORE = 1.5, 32.0, 2.0
 
 
 class Estimate(NamedTuple):
@@ -57,9 +57,9 @@ class Estimate(NamedTuple):
         int
             As many as leave it, as far as this one tells.
         """
-        factor = MOST_MORE
-        if error * MOST_MORE ** (1.0 / POWER) > self.error:
-            factor = max((self.error / error) ** POWER, LEAST_MORE)
+        factor = MAX_MORE
+        if error * MAX_MORE ** (1.0 / POWER) > self.error:
+            factor = max((self.error / error) ** POWER, MIN_MORE)
         return round(factor * self.boxes)
 
 
