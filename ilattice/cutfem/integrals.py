@@ -37,7 +37,7 @@ class Integrals(Pointwise):
     def matrix(self) -> Any:
         """Stiffness with stabilization, springs and weak supports, before anything is fixed.
 
-        The whole `bsr_array` is put together at every call: the house keeps one half of it.
+        The whole `bsr_array` is put together at every call from its upper half, which is kept.
         """
         return self._stiffness.whole()
 

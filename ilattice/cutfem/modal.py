@@ -233,7 +233,7 @@ def _of_frequencies(problem: Elasticity, method: str, mass: Any) -> tuple[Pencil
         if stiff[0] > rigid.FREE * stiff[-1]:
             return mine, 0.0
     M = problem.constraints.reduce(mass, diagonal=False)
-    shift = SHIFT * _scale(problem.system.K, M, problem.system)
+    shift = SHIFT * _scale(problem.system._half, M, problem.system)
     return pencil(problem, method, shift * mass), shift
 
 

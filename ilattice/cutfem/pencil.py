@@ -169,7 +169,10 @@ def pencil(problem: Elasticity, method: str, added: Any = None) -> Pencil:
     if added is not None:
         K = K + problem.constraints.reduce(added, diagonal=False)
     solver = Solver(
-        K, near_nullspace=system.near_nullspace, method=method, coordinates=system.coordinates
+        system._half if added is None else K,
+        near_nullspace=system.near_nullspace,
+        method=method,
+        coordinates=system.coordinates,
     )
     size = float(np.ptp(problem.assembly.coordinates, axis=0).max())
     if not problem.connections:

@@ -43,7 +43,7 @@ from ilattice.linalg._engines import ENGINES, LIMIT, SINGULAR, choose, factor_si
 from ilattice.linalg._krylov import Run, conjugate_gradients
 from ilattice.linalg.symmetric import Symmetric
 
-#: Largest entry of a matrix, and least one of its diagonal.
+#: Largest entry of a matrix, and what that must be at least.
 LARGEST, SMALLEST = 1e140, 1e-140
 #: Part of the geometric mean of two diagonal entries by which those between them may differ.
 ASYMMETRY = 1e-11
@@ -259,7 +259,13 @@ class Solver:
             self._bytes / 1e6,
             rounded=any(run.rounded for run in runs),
         )
-        x = np.ldexp(np.stack([run.x for run in runs], axis=1), power)
+        with np.errstate(over="ignore"):
+            x = np.ldexp(np.stack([run.x for run in runs], axis=1), power)
+        if not np.isfinite(x).all():
+            raise ConvergenceError(
+                "x is too large for floating-point numbers: loads are too large for K; use other "
+                "units"
+            )
         return x.reshape(np.shape(b)), report
 
     def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> list[Run]:

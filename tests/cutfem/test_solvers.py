@@ -469,3 +469,5 @@ def test_very_small_and_large_loads(method):
         y, report = solver.solve(np.ldexp(b, power))
         np.testing.assert_array_equal(np.ldexp(y, -power), x)
         assert report.residual < 1e-8
+    with pytest.raises(ConvergenceError, match="too large"):
+        Solver(1e-60 * _grid(12).tocsr(), method=method).solve(1e260 * b)
