@@ -101,7 +101,8 @@ class ConductiveCell(CellProblem, Heat):
         density, bounds = _bounds(self)
         report = self.report(answer, time.perf_counter() - start)
         eff = Conductivity(density, self.percolates, report, k, errors, bounds)
-        self.warn_of_contrast()
+        if answer is not None:
+            self.warn_of_contrast()
         if answer is not None and estimate:
             rounding = float(self.rounding(k.diagonal(), answer).max())
             self.warn_of_error(eff.error, "the effective conductivity", rounding)

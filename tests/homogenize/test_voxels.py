@@ -304,9 +304,11 @@ def test_errors_are_told(of, name):
 def test_stiffnesses_of_any_size_have_bounds():
     labels = np.zeros((4, 4, 4), int)
     labels[:2] = 1
-    with pytest.warns(PrecisionWarning, match="along x: only voids") as told:
+    with pytest.warns(PrecisionWarning) as told:
         eff = voxels(labels, young=(1.0, 1e300))
-    assert len(told) == 1
+    gap, contrast = (str(w.message) for w in told)
+    assert "along x: only voids" in gap
+    assert "materials differ by a factor of 1e+300" in contrast
     assert np.isfinite([*eff.bounds.bulk, *eff.bounds.shear, *eff.margins.values()]).all()
     assert eff.bounds.shear[1] > 1e299
 
