@@ -60,6 +60,8 @@ SAFETY = 1.1
 #: each level leaves some 1e-12 there, for its prolongation is in single precision.
 SINGULAR = 1e-10
 ONE = np.float32(1)
+#: Powers of two up to which a matrix, and the roots of its entries, fit into single precision.
+LARGE = 100
 
 
 class Multigrid:
@@ -87,6 +89,11 @@ class Multigrid:
     ) -> None:
         self.levels: list[_Level] = []
         A, B, x = K, modes, coordinates
+        power = int(np.frexp(np.abs(K.diagonal()).max(initial=0.0))[1])
+        self._unit = 1.0
+        if abs(power) > LARGE:
+            self._unit = float(np.ldexp(1.0, -power))
+            A = Symmetric(K.offsets, K.columns, K.blocks * self._unit)
         factors, inverses = _block_factors(A)
         self.scaling = inverses
         while A.shape[0] > COARSEST:
@@ -129,7 +136,7 @@ class Multigrid:
         x = self._cycle(0, short)
         for v, z, length in zip(x, out, lengths, strict=True):
             _multiply_blocks(self.scaling, v[:, None], True, z[:, None])
-            z *= length
+            z *= length * self._unit
         return out.reshape(r.shape)
 
     def _cycle(self, depth: int, r: AnyArray) -> AnyArray:

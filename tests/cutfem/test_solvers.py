@@ -471,3 +471,14 @@ def test_very_small_and_large_loads(method):
         assert report.residual < 1e-8
     with pytest.raises(ConvergenceError, match="too large"):
         Solver(1e-60 * _grid(12).tocsr(), method=method).solve(1e260 * b)
+
+
+@pytest.mark.parametrize("power", [-400, -250, 250, 400])
+def test_very_soft_and_stiff_matrices(power):
+    """Multigrid, which is in single precision, takes them as others."""
+    K = _grid(50).tocsr()
+    b = np.random.default_rng(1).standard_normal((2500, 2))
+    x, usual = Solver(K, method="multigrid").solve(b)
+    y, report = Solver(K * 2.0**power, method="multigrid").solve(b)
+    np.testing.assert_allclose(np.ldexp(y, power), x, rtol=1e-12, atol=1e-12 * np.abs(x).max())
+    assert report.iterations == usual.iterations
