@@ -31,7 +31,7 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.integration import by_one_point
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.tractions import Forces, transmitted
-from ilattice.quadrature.rules import Quadrature, in_space, on_cells
+from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Cells that are drawn, and part of the draws that is by volume, so that no cell counts for much
 #: that is seldom drawn.
@@ -72,13 +72,13 @@ def relative_error(problem: Problem, c: FloatArray) -> float:
     patches = [_patch(joined, element) for element in drawn]
     wanted = problem.assembly.space.cells[np.unique(np.concatenate(patches))]
     whole = problem.domain.stiff_rule(problem.assembly, constant=problem.law.constant)
-    solid = in_space(on_cells(whole, wanted))
-    thin = [_thickness(problem.assembly, solid, patch) < THIN for patch in patches]
+    flat = on_cells(whole, wanted)
+    thin = [_thickness(problem.assembly, flat, patch) < THIN for patch in patches]
     if not any(thin):
         return 0.0
     some = [patch for patch, is_thin in zip(patches, thin, strict=True) if is_thin]
     missed, varying = np.zeros((2, len(drawn)))
-    missed[thin], varying[thin] = _missed(problem, c, solid, some)
+    missed[thin], varying[thin] = _missed(problem, c, some)
     stands_for = times * energy[drawn] / chance
     part = stands_for / stands_for.sum()
     serial = float(part @ missed)
@@ -164,10 +164,9 @@ def _patch(joined: csr_array, element: int) -> IntArray:
 
 
 def _thickness(asm: Assembly, solid: Quadrature, patch: IntArray) -> float:
-    """Least thickness of the solid in some elements, in cells: that of a plate as wide as it."""
+    """Least thickness in some elements, in cells, by a rule in parameters: of a plate as wide."""
     rows = _rows_in(solid, asm.space.cells[patch])
-    assert solid.parameters is not None
-    t = solid.parameters[rows] / asm.space.boxes[patch[0], 3:]
+    t = solid.points[rows] / asm.space.boxes[patch[0], 3:]
     w = np.abs(solid.weights[rows])
     t = t - w @ t / w.sum()
     return float(np.sqrt(12.0 * max(np.linalg.eigvalsh((t.T * w) @ t / w.sum())[0], 0.0)))
@@ -184,47 +183,58 @@ def _rows_in(rule: Quadrature, cells: IntArray) -> AnyArray:
 # ------------------------------------------------------------------------------ what they miss
 
 
-def _missed(
-    problem: Problem, c: FloatArray, solid: Quadrature, patches: list[IntArray]
-) -> FloatArray:
+def _missed(problem: Problem, c: FloatArray, patches: list[IntArray]) -> FloatArray:
     """Energies of errors, and of what varies, over energies, (2, patches), of thin parts."""
     cells = problem.assembly.space.cells
-    tractions, loads = transmitted(problem, c, np.unique(np.concatenate(patches)))
-    gradient, tangent = _gradients(problem, c, solid), _tangents(problem, solid)
+    tractions = transmitted(problem, c, np.unique(np.concatenate(patches)))
+    solid, loads = tractions.solid, tractions.loads
+    gradient, owner = tractions.gradients.reshape(-1, 9), problem.assembly.owners(solid)
     out = np.zeros((2, len(patches)))
     for number, patch in enumerate(patches):
         rows = _rows_in(solid, cells[patch])
-        x, w, G, A = solid.points[rows], solid.weights[rows], gradient[rows], tangent[rows]
+        x, w, G = solid.points[rows], solid.weights[rows], gradient[rows]
+        A = _tangents(problem, solid, owner, rows)
         middle = w @ x / w.sum()
         frame = _frame(problem.assembly, patch[0])
-        basis = _basis((x - middle) @ frame.T)[1] @ frame
-        B = np.einsum("qak,ij->qikaj", basis, np.eye(3)).reshape(len(x), 9, -1)
-        flux = (w[:, None, None] * A) @ B
-        K = B.reshape(-1, B.shape[2]).T @ flux.reshape(-1, B.shape[2])
-        u = _least(K, _work(tractions.around(patch), loads, cells[patch], middle, frame).ravel())
-        gap = B @ u - G
-        error, own = (float(w @ np.einsum("qk,qkl,ql->q", g, A, g)) for g in (gap, G))
-        mean = (w @ G) / w.sum()
-        even = float(np.einsum("q,k,qkl,l->", w, mean, A, mean))
+        slopes, values = _slopes(frame), _monomials((x - middle) @ frame.T)[:, :7]
+        work = _work(tractions.around(patch), loads, cells[patch], middle, frame)
+        u = _least(_stiffness(slopes, values, w, A), work.ravel()).reshape(-1, 3)
+        gap = values @ np.einsum("aks,ai->sik", slopes, u).reshape(-1, 9) - G
+        mean = ((w @ G) / w.sum())[None]
+        error, own, even = (float((w * _density(A, g)).sum()) for g in (gap, G, mean))
         out[:, number] = np.maximum([error, own - even], 0.0) / max(own, 1e-300)
     return out
 
 
-def _gradients(problem: Problem, c: FloatArray, rule: Quadrature) -> FloatArray:
-    """Gradients (n, 9) of a solution in space."""
-    out = np.empty((len(rule), 3, 3))
-    for rows, _, gradient in problem.assembly.on_rule(c, rule):
-        out[rows] = gradient
-    return out.reshape(-1, 9)
+def _stiffness(slopes: FloatArray, values: FloatArray, w: FloatArray, A: FloatArray) -> FloatArray:
+    """Stiffness (3 a, 3 a) of functions of `_slopes` with some monomials, of one or n tangents."""
+    a, n = len(slopes), len(values)
+    if len(A) == 1:
+        flat = slopes.reshape(3 * a, -1)
+        M = (flat @ (values.T @ (w[:, None] * values)) @ flat.T).reshape(a, 3, a, 3)
+        K = np.einsum("akbl,ikjl->aibj", M, A[0].reshape(3, 3, 3, 3), optimize=True)
+        return np.asarray(K.reshape(3 * a, 3 * a))
+    B = np.einsum("qs,aks,ij->qikaj", values, slopes, np.eye(3), optimize=True).reshape(n, 9, -1)
+    flux = (w[:, None, None] * A) @ B
+    return np.asarray(B.reshape(-1, B.shape[2]).T @ flux.reshape(-1, B.shape[2]))
 
 
-def _tangents(problem: Problem, rule: Quadrature) -> FloatArray:
-    """Derivatives (n, 9, 9) of fluxes by gradients."""
-    u, owner = rule.parameters, problem.assembly.owners(rule)
-    assert u is not None
-    out = np.empty((len(rule), 3, 3, 3, 3))
+def _density(A: FloatArray, gradients: FloatArray) -> FloatArray:
+    """Twice the energy per volume (n,) of gradients (n, 9), or of one, for one tangent or n."""
+    if len(A) == 1:
+        return np.asarray(((gradients @ A[0]) * gradients).sum(axis=1))
+    g = np.broadcast_to(gradients, (len(A), 9))
+    return np.asarray(np.einsum("qk,qkl,ql->q", g, A, g))
+
+
+def _tangents(problem: Problem, rule: Quadrature, owner: IntArray, rows: AnyArray) -> FloatArray:
+    """Derivatives (n, 9, 9) of fluxes by gradients at some points, or at one if all are alike."""
+    assert rule.parameters is not None
+    rows = rows[:1] if problem.law.constant else rows
+    u, owner = rule.parameters[rows], owner[rows]
+    out = np.empty((len(rows), 3, 3, 3, 3))
     for of, along in np.ndindex(3, 3):
-        one = np.zeros((len(rule), 3, 3))
+        one = np.zeros((len(rows), 3, 3))
         one[:, of, along] = 1.0
         out[..., of, along] = problem.law.components(problem._flux(one, u, owner))
     return out.reshape(-1, 9, 9)
@@ -237,33 +247,40 @@ def _frame(asm: Assembly, element: int) -> FloatArray:
     return np.asarray(np.linalg.inv(J) / extent[:, None])
 
 
-def _basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Quadratics and the product of coordinates (n, 11) at points, and gradients (n, 11, 3)."""
-    ahead, behind, e = np.roll(x, -1, axis=1), np.roll(x, 1, axis=1), np.eye(3)
-    one = np.ones((len(x), 1))
-    values = np.hstack([one, x, x * x, x * ahead, x.prod(axis=1, keepdims=True)])
-    gradients = np.zeros((len(x), 11, 3))
-    gradients[:, 1:4] = e
-    gradients[:, 4:7] = 2.0 * e * x[:, :, None]
-    gradients[:, 7:10] = e * ahead[:, :, None] + np.roll(e, 1, axis=1) * x[:, :, None]
-    gradients[:, 10] = ahead * behind
-    return values, gradients
+def _monomials(x: FloatArray) -> FloatArray:
+    """Linear functions, products of two coordinates, squares, and that of all three (n, 11)."""
+    one, ahead = np.ones((len(x), 1)), np.roll(x, -1, axis=1)
+    return np.hstack([one, x, x * ahead, x * x, x.prod(axis=1, keepdims=True)])
+
+
+def _slopes(frame: FloatArray) -> FloatArray:
+    """Coefficients (11, 3, 7) of gradients in space of `_monomials`, in the first seven of them."""
+    out, axes = np.zeros((11, 3, 7)), np.arange(3)
+    out[1 + axes, axes, 0] = 1.0
+    out[4 + axes, axes, 1 + (axes + 1) % 3] = 1.0
+    out[4 + axes, (axes + 1) % 3, 1 + axes] = 1.0
+    out[7 + axes, axes, 1 + axes] = 2.0
+    out[10, axes, 4 + (axes + 1) % 3] = 1.0
+    return np.einsum("aks,kj->ajs", out, frame)
 
 
 def _work(
     around: tuple[FloatArray, FloatArray], loads: Forces, cells: IntArray, middle: FloatArray,
     frame: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Work (11, 3) of forces around some cells, and of loads, in the functions of `_basis`."""
+    """Work (11, 3) of forces around some cells, and of loads, in `_monomials`."""
     x, force = around
-    out = _basis((x - middle) @ frame.T)[0].T @ force
+    out = _monomials((x - middle) @ frame.T).T @ force
+    slopes = _slopes(frame)
     for rule, f, P in loads:
         rows = _rows_in(rule, cells)
-        value, gradient = _basis((rule.points[rows] - middle) @ frame.T)
+        values = _monomials((rule.points[rows] - middle) @ frame.T)
         if f is not None:
-            out += value.T @ f[rows]
+            out += values.T @ f[rows]
         if P is not None:
-            out += np.einsum("qak,qik->ai", gradient @ frame, P[rows])
+            n = len(P[rows])
+            moments = (values[:, :7].T @ P[rows].reshape(n, 9)).reshape(7, 3, 3)
+            out += np.einsum("aks,sik->ai", slopes, moments)
     return np.asarray(out)
 
 

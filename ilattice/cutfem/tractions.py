@@ -48,12 +48,21 @@ class Tractions:
         Of a rule in space on the faces.
     forces : ndarray, shape (n, 3)
         Tractions times areas.
+    loads : list
+        On the elements, see `Forces`.
+    solid : Quadrature
+        Rule in space, for stiffnesses, in the elements and around them.
+    gradients : ndarray, shape (m, 3, 3)
+        Of the solution, at its points.
     """
 
     low: IntArray
     high: IntArray
     points: FloatArray
     forces: FloatArray
+    loads: Forces
+    solid: Quadrature
+    gradients: FloatArray
 
     def around(self, patch: IntArray) -> tuple[FloatArray, FloatArray]:
         """Points and forces (n, 3) between some elements and others."""
@@ -62,8 +71,8 @@ class Tractions:
         return self.points[some], np.where(low[some, None], 1.0, -1.0) * self.forces[some]
 
 
-def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> tuple[Tractions, Forces]:
-    """Tractions on some elements of degree 1, and loads on them.
+def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> Tractions:
+    """Tractions on some elements of degree 1.
 
     Parameters
     ----------
@@ -78,15 +87,19 @@ def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> tuple[Tr
     -------
     Tractions
         On all of their faces.
-    list
-        See `Forces`.
     """
-    space = problem.assembly.space
+    asm = problem.assembly
+    space = asm.space
     hit = np.zeros(len(space), bool)
     hit[space.dofs[wanted]] = True
     near = np.flatnonzero(hit[space.dofs].any(axis=1))
-    loads = _loads(problem, near)
-    forces = _of_nodes(problem, c, near, loads)
+    whole = problem.domain.stiff_rule(asm, constant=problem.law.constant)
+    rule = in_space(on_cells(whole, space.cells[near]))
+    gradients = np.empty((len(rule), 3, 3))
+    for rows, _, gradient in asm.on_rule(c, rule):
+        gradients[rows] = gradient
+    loads = _loads(problem, near, rule)
+    forces = _of_nodes(problem, near, rule, gradients, loads)
     low, high, at, rules = _faces(problem, near)
     parts = [_shares(problem, axis, rule) for axis, rule in enumerate(rules)]
     shares, corners = (np.concatenate(some) for some in zip(*parts, strict=True))
@@ -99,17 +112,18 @@ def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> tuple[Tr
     x, w = (np.concatenate([getattr(r, of) for r in rules])[mine] for of in ("points", "weights"))
     owner = owner[mine]
     acting = _on_sections(owner, x, np.abs(w), corners, b)
-    return Tractions(low[owner], high[owner], x, acting), loads
+    return Tractions(low[owner], high[owner], x, acting, loads, rule, gradients)
 
 
-def _loads(problem: Integrals, near: IntArray) -> Forces:
+def _loads(problem: Integrals, near: IntArray, stiff: Quadrature) -> Forces:
     """Loads on some elements; functions are asked at all points of a place, as in `forces`."""
     asm, out = problem.assembly, []
     cells = asm.space.cells[near]
+    solid = on_cells(problem.domain.volume, cells)
+    solid = stiff if len(solid) == len(stiff) else in_space(solid)  # shorter: points in the void
     for given in problem.loads:
         load = problem._spread(given)
-        solid = in_space(on_cells(problem.domain.volume, cells)) if not load.on else None
-        rule = problem.domain.edge(asm, load.on) if solid is None else solid
+        rule = problem.domain.edge(asm, load.on) if load.on else solid
         some = np.isin(rule.cells, cells)
         if some.any():
             w, rows = rule.weights[:, None], some[rule.owners]
@@ -119,18 +133,15 @@ def _loads(problem: Integrals, near: IntArray) -> Forces:
     return out
 
 
-def _of_nodes(problem: Integrals, c: FloatArray, near: IntArray, loads: Forces) -> FloatArray:
+def _of_nodes(
+    problem: Integrals, near: IntArray, rule: Quadrature, gradients: FloatArray, loads: Forces
+) -> FloatArray:
     """What is to act on elements from others (near, 8, 3), at their nodes."""
     asm = problem.assembly
-    cells = asm.space.cells[near]
-    whole = problem.domain.stiff_rule(asm, constant=problem.law.constant)
-    rule = in_space(on_cells(whole, cells))
-    stress = np.empty((len(rule), 3, 3))
-    owner = asm.owners(rule)
+    cells, owner = asm.space.cells[near], asm.owners(rule)
     assert rule.parameters is not None
-    for rows, _, gradient in asm.on_rule(c, rule):
-        flux = problem._flux(gradient, rule.parameters[rows], owner[rows])
-        stress[rows] = rule.weights[rows, None, None] * problem.law.components(flux)
+    flux = problem.law.components(problem._flux(gradients, rule.parameters, owner))
+    stress = rule.weights[:, None, None] * flux
     out = np.zeros((len(near), 8, 3))
     for sign, (some, f, P) in [(1.0, (rule, None, stress)), *((-1.0, load) for load in loads)]:
         out[np.searchsorted(cells, some.cells)] += sign * asm.per_cell(some, f, P)
