@@ -13,7 +13,9 @@ beside what else is there, and as if by forces in a row with others; the mean of
 
 Of 44 random bars and plates of 0.05 to 2 cells, bent, guided or pulled, at angles up to 0.8 rad,
 the larger one of this and of what `discretization` says is 0.4 to 4.7 times, in the median 1.2
-times, what is missed, up to 160 times an energy, where that is above 5 %.
+times, what is missed, up to 160 times an energy, where that is above 5 %. For modes of vibration
+and buckling inertia and stress act instead of loads: the worst of two frequencies and the lowest
+load factor of ten random bars are told to be 0.45 to 1.02 times as far off as they are.
 
 Guarantees: the same number for the same problem; none where what is drawn is thicker than `THIN`
 cells, or stretched without bending. Non-guarantees: an estimate, and no bound: beside supports, and
@@ -30,7 +32,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.integration import by_one_point
 from ilattice.cutfem.problem import Problem
-from ilattice.cutfem.tractions import Forces, transmitted
+from ilattice.cutfem.tractions import Acting, Forces, transmitted
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Cells that are drawn, and part of the draws that is by volume, so that no cell counts for much
@@ -46,7 +48,7 @@ SHALLOW, STEPS = 0.5, 2
 NONE = 1e-10
 
 
-def relative_error(problem: Problem, c: FloatArray) -> float:
+def relative_error(problem: Problem, c: FloatArray, acting: Acting | None = None) -> float:
     """Part of an energy that splines of degree 1 miss in thin parts.
 
     Parameters
@@ -55,13 +57,15 @@ def relative_error(problem: Problem, c: FloatArray) -> float:
         An elastic solid with supports.
     c : ndarray, shape (functions, 3)
         Solution.
+    acting : callable, optional
+        What acts on modes instead of the loads of the problem; see `tractions.Acting`.
 
     Returns
     -------
     float
         The estimate: by how much the solution is too stiff.
     """
-    if not _applies(problem):
+    if not _applies(problem, loaded=acting is None):
         return 0.0
     energy, volume = _guessed(problem, c)
     free = _without_supports(problem) & (volume > 0.0)
@@ -78,17 +82,17 @@ def relative_error(problem: Problem, c: FloatArray) -> float:
         return 0.0
     some = [patch for patch, is_thin in zip(patches, thin, strict=True) if is_thin]
     missed, varying = np.zeros((2, len(drawn)))
-    missed[thin], varying[thin] = _missed(problem, c, some)
+    missed[thin], varying[thin] = _missed(problem, c, some, acting)
     stands_for = times * energy[drawn] / chance
     part = stands_for / stands_for.sum()
     serial = float(part @ missed)
-    if not problem.constraints.values.any():
+    if acting is not None or not problem.constraints.values.any():
         return serial
     lost = float(part @ (missed * varying / np.maximum(missed + varying, 1e-300)))
     return float(np.sqrt(serial * lost / (1.0 - lost)))
 
 
-def _applies(problem: Problem) -> bool:
+def _applies(problem: Problem, *, loaded: bool) -> bool:
     """Whether forces of nodes are those of stresses at points, and places in space are known."""
     through = problem.assembly.through
     ring = (False,) * 3 if through is None else through.closed
@@ -97,7 +101,7 @@ def _applies(problem: Problem) -> bool:
         problem.assembly.space.degree > 1
         or problem._keeps_volume
         or problem.domain.interface is not None
-        or any(load.kind == "temperature" for load in problem.loads)
+        or (loaded and any(load.kind == "temperature" for load in problem.loads))
         or any(g and not r for g, r in zip(closed, ring, strict=True))
     )
 
@@ -183,10 +187,12 @@ def _rows_in(rule: Quadrature, cells: IntArray) -> AnyArray:
 # ------------------------------------------------------------------------------ what they miss
 
 
-def _missed(problem: Problem, c: FloatArray, patches: list[IntArray]) -> FloatArray:
+def _missed(
+    problem: Problem, c: FloatArray, patches: list[IntArray], acting: Acting | None
+) -> FloatArray:
     """Energies of errors, and of what varies, over energies, (2, patches), of thin parts."""
     cells = problem.assembly.space.cells
-    tractions = transmitted(problem, c, np.unique(np.concatenate(patches)))
+    tractions = transmitted(problem, c, np.unique(np.concatenate(patches)), acting)
     solid, loads = tractions.solid, tractions.loads
     gradient, owner = tractions.gradients.reshape(-1, 9), problem.assembly.owners(solid)
     out = np.zeros((2, len(patches)))

@@ -21,6 +21,7 @@ a group of equal frequencies.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -30,16 +31,19 @@ from ilattice._progress import Progress, staged
 from ilattice._shown import Shown
 from ilattice._typing import FloatArray
 from ilattice._validate import as_kind, read_only
-from ilattice.cutfem import rigid
-from ilattice.cutfem.discretization import warn
+from ilattice.cutfem import locking, rigid
+from ilattice.cutfem._voigt import PLACES
+from ilattice.cutfem.discretization import WARNED, warn
 from ilattice.cutfem.eigen import largest
 from ilattice.cutfem.elasticity import Elasticity, Solution
 from ilattice.cutfem.output import Result
 from ilattice.cutfem.pencil import Joined, Pencil, pencil
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.series import Series
+from ilattice.cutfem.tractions import Acting
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.linalg._engines import definite
+from ilattice.quadrature.rules import Quadrature
 
 #: Unknowns up to which it is made sure that loads press somewhere.
 CERTAIN = 100_000
@@ -219,7 +223,12 @@ def natural_modes(
     (found,) = staged({"modes": lambda: largest(M, mine.solver, count, mine.starts, tol)}, progress)
     mu, x, residual = found
     omega = np.sqrt(np.maximum(1 / mu - shift, 0.0))
-    error = _discretization_error(mine, mine.shapes(x)[0], "the square of a frequency")
+    stiff, squares = mine.shapes(x)[0], omega**2
+
+    def inertia(k: int) -> Acting:
+        return lambda rule, u, _: (squares[k] * _density(problem, rule)[:, None] * u, None)
+
+    error = _discretization_error(mine, stiff, inertia, "the square of a frequency")
     shapes, motions = mine.shapes(x / np.sqrt(mu))
     report = EigenReport(mine.solver.method, residual, shift, error)
     return Modes(problem, read_only(omega), read_only(shapes), report, motions)
@@ -287,7 +296,11 @@ def buckling(
             "on little; ask for fewer"
         )
     shapes, motions = mine.shapes(x)
-    error = _discretization_error(mine, shapes, "a load factor")
+
+    def pressing(k: int) -> Acting:
+        return lambda rule, _, g: (None, -g @ solution.stress_on(rule)[:, PLACES] / mu[k])
+
+    error = _discretization_error(mine, shapes, pressing, "a load factor")
     report = EigenReport(mine.solver.method, residual, 0.0, error)
     return Buckling(problem, read_only(1 / mu), read_only(shapes), report, motions)
 
@@ -305,13 +318,25 @@ def _refuse_pulls(geometric: Any, K: Any) -> None:
         )
 
 
-def _discretization_error(mine: Pencil, shapes: FloatArray, what: str) -> float:
+def _density(problem: Elasticity, rule: Quadrature) -> FloatArray:
+    """Densities (n,) or (1,) at the points of a rule in space."""
+    assert rule.parameters is not None
+    owner = problem.assembly.owners(rule)
+    return problem._scalar_at(problem.material.density, rule.parameters, owner)
+
+
+def _discretization_error(
+    mine: Pencil, shapes: FloatArray, acting: Callable[[int], Acting], what: str
+) -> float:
     """Worst estimate for some shapes of unit energy, with a warning if it is large."""
     problem = mine.problem
     nodes = mine.solver.nodes if isinstance(mine.solver, Joined) else mine.solver
     error = max(problem._discretization_error(nodes.multiply, c, 1.0) for c in shapes)
-    warn(error, what, problem.assembly.space)
-    return float(error)
+    locked = max(locking.relative_error(problem, c, acting(k)) for k, c in enumerate(shapes))
+    thin = locked > (WARNED if np.isnan(error) else error)
+    error = float(locked if thin else error)
+    warn(error, what, problem.assembly.space, thin=thin)
+    return error
 
 
 def _scale(K: Any, M: Any, system: Any) -> float:

@@ -13,6 +13,7 @@ with its loads, in force and moment, where no support is. Non-guarantee: of all 
 not those of least energy.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,10 @@ LINE = 1e-12
 
 #: Rules in space with forces (n, 3), stresses (n, 3, 3), or None, weights included.
 Forces = list[tuple[Quadrature, FloatArray | None, FloatArray | None]]
+
+#: Force (n, 3) and stress (n, 3, 3) per volume, or None, that a solution makes act, of a rule in
+#: space, displacements (n, 3) there, and their gradients (n, 3, 3).
+Acting = Callable[[Quadrature, FloatArray, FloatArray], tuple[FloatArray | None, FloatArray | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +76,9 @@ class Tractions:
         return self.points[some], np.where(low[some, None], 1.0, -1.0) * self.forces[some]
 
 
-def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> Tractions:
+def transmitted(
+    problem: Integrals, c: FloatArray, wanted: IntArray, acting: Acting | None = None
+) -> Tractions:
     """Tractions on some elements of degree 1.
 
     Parameters
@@ -82,6 +89,8 @@ def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> Traction
         Solution.
     wanted : ndarray
         Positions of elements without supports.
+    acting : callable, optional
+        See `Acting`; by default the loads of the problem act.
 
     Returns
     -------
@@ -95,10 +104,13 @@ def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> Traction
     near = np.flatnonzero(hit[space.dofs].any(axis=1))
     whole = problem.domain.stiff_rule(asm, constant=problem.law.constant)
     rule = in_space(on_cells(whole, space.cells[near]))
-    gradients = np.empty((len(rule), 3, 3))
-    for rows, _, gradient in asm.on_rule(c, rule):
-        gradients[rows] = gradient
-    loads = _loads(problem, near, rule)
+    gradients = _on(problem, c, rule)[1]
+    if acting is None:
+        loads = _loads(problem, near, rule)
+    else:
+        solid = _solid(problem, near, rule)
+        w, (f, P) = solid.weights[:, None], acting(solid, *_on(problem, c, solid))
+        loads = [(solid, None if f is None else w * f, None if P is None else w[:, None] * P)]
     forces = _of_nodes(problem, near, rule, gradients, loads)
     low, high, at, rules = _faces(problem, near)
     parts = [_shares(problem, axis, rule) for axis, rule in enumerate(rules)]
@@ -111,16 +123,29 @@ def transmitted(problem: Integrals, c: FloatArray, wanted: IntArray) -> Traction
     mine = (np.isin(low, wanted) | np.isin(high, wanted))[owner]
     x, w = (np.concatenate([getattr(r, of) for r in rules])[mine] for of in ("points", "weights"))
     owner = owner[mine]
-    acting = _on_sections(owner, x, np.abs(w), corners, b)
-    return Tractions(low[owner], high[owner], x, acting, loads, rule, gradients)
+    on_faces = _on_sections(owner, x, np.abs(w), corners, b)
+    return Tractions(low[owner], high[owner], x, on_faces, loads, rule, gradients)
+
+
+def _on(problem: Integrals, c: FloatArray, rule: Quadrature) -> tuple[FloatArray, FloatArray]:
+    """Displacements (n, 3) and gradients (n, 3, 3) at the points of a rule in space."""
+    values, gradients = np.empty((len(rule), 3)), np.empty((len(rule), 3, 3))
+    for rows, value, gradient in problem.assembly.on_rule(c, rule):
+        values[rows], gradients[rows] = value, gradient
+    return values, gradients
+
+
+def _solid(problem: Integrals, near: IntArray, stiff: Quadrature) -> Quadrature:
+    """Rule in space on some elements with no points in the void, which one for stiffnesses has."""
+    cells = problem.assembly.space.cells[near]
+    rule = on_cells(problem.domain.volume, cells)
+    return stiff if len(rule) == len(stiff) else in_space(rule)
 
 
 def _loads(problem: Integrals, near: IntArray, stiff: Quadrature) -> Forces:
     """Loads on some elements; functions are asked at all points of a place, as in `forces`."""
     asm, out = problem.assembly, []
-    cells = asm.space.cells[near]
-    solid = on_cells(problem.domain.volume, cells)
-    solid = stiff if len(solid) == len(stiff) else in_space(solid)  # shorter: points in the void
+    cells, solid = asm.space.cells[near], _solid(problem, near, stiff)
     for given in problem.loads:
         load = problem._spread(given)
         rule = problem.domain.edge(asm, load.on) if load.on else solid

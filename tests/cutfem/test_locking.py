@@ -8,6 +8,7 @@ import pytest
 import ilattice as il
 from ilattice.cutfem import Elasticity, discretization, locking
 from ilattice.cutfem.choosing import FEW, MANY, degree_for
+from ilattice.cutfem.modal import buckling, natural_modes
 from ilattice.cutfem.tractions import transmitted
 from ilattice.errors import PrecisionWarning
 
@@ -90,6 +91,26 @@ def test_plates_that_are_a_hundred_times_too_stiff(angle):
     assert missed > 50
     assert 0.7 * missed < solution.report.discretization_error < 1.4 * missed
     assert "times its own size" in words
+
+
+@pytest.mark.parametrize(
+    ("tilt", "thick", "n"), [(0.5, 0.005, 16), (0.0, 0.01, 16), (0.65, 0.046, 12)]
+)
+def test_frequencies_and_load_factors_of_thin_bars(tilt, thick, n):
+    """They were told to be 2 % off, or a tenth of what they are."""
+    held, _, along, long = bar(tilt, thick, n)
+    with pytest.warns(PrecisionWarning, match="a frequency .* solid parts are thinner than cells"):
+        modes = natural_modes(held, 2)
+    lowest = 1.875104**4 * thick**2 / 12.0 / long**4
+    missed = (modes.omega**2 / lowest - 1.0).max()
+    assert missed > 2.0
+    assert 0.7 * missed < modes.report.discretization_error < 1.4 * missed
+    pressed, _ = told(held.load(force=tuple(-along), on="w=1"))
+    with pytest.warns(PrecisionWarning, match="a load factor .* solid parts are thinner"):
+        found = buckling(pressed, 1)
+    missed = found.factors[0] * 48.0 * long**2 / (np.pi**2 * thick**4) - 1.0
+    assert missed > 0.5
+    assert 0.7 * missed < found.report.discretization_error < 1.4 * missed
 
 
 def test_tractions_are_in_equilibrium_with_loads():
