@@ -144,7 +144,9 @@ class TileField(Field):
         if isinstance(tile, Mixture) or not self.bounded:
             return out
         a, b = self.lattice.tile_coordinates(lo), self.lattice.tile_coordinates(hi)
-        first, last = np.floor(a), np.maximum(np.ceil(b) - 1.0, np.floor(a))
+        # a face between tiles has the values of the tile above it, and may be the end of a box
+        end = np.where(self.lattice.through.closed, np.inf, np.array(self.lattice.repeat) - 1.0)
+        first, last = np.floor(a), np.maximum(np.minimum(np.floor(b), end), np.floor(a))
         few = np.flatnonzero((last - first).max(axis=1, initial=0.0) <= 1.0)
         low, high = np.full(len(few), np.inf), np.full(len(few), -np.inf)
         for upper in product((False, True), repeat=3):
