@@ -77,7 +77,7 @@ def projected(
         at = np.flatnonzero(side == sign)
         if len(at):
             moved, residual = polish(
-                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance,
+                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.drawn,
                 wall.distance if exactly else None,
             )  # fmt: skip
             stay = strayed(wall, axes, u[at], moved)

@@ -156,6 +156,9 @@ class _Meshed(NamedTuple):
     def tell(self, job: _Job, caps: bool, *, allow_loss: bool) -> None:
         """Warn of what it does not hold, or refuse it."""
         _check_again(*self.nearer)
+        if caps:
+            _check_closed(self.mesh, allowed=allow_loss)
+        _warn_of_ends(job.wall.ragged)
         if self.lost is not None:
             self.lost.tell(allowed=allow_loss)
         if caps and job.cut is None and job.wall._countable:
@@ -349,7 +352,7 @@ class _Job:
             h, cells = part * least, round(PER_TILE * DEFAULTS[0] / part)
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
         t = wall.thickness
-        distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
+        distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.drawn
         field: Any = WallField(distance, t)
         if cut is not None:
             field = intersection(field, cut)
@@ -438,6 +441,33 @@ def _check(off: AnyArray, crease: AnyArray, job: _Job) -> None:
         )
 
 
+def _check_closed(mesh: SurfaceMesh, *, allowed: bool) -> None:
+    """Refuse what is not closed, as of a field with two values where a closed direction begins."""
+    single, many = mesh.open_edges, mesh.nonmanifold_edges
+    if not (single or many):
+        return
+    message = (
+        f"the mesh is not closed: {single} edges have one triangle, and {many} more than two; does "
+        "the field jump, or differ at both ends of a closed direction? Another h may help"
+    )
+    if not allowed:
+        raise GeometryError(message)
+    warnings.warn(message, PrecisionWarning, stacklevel=5)
+
+
+def _warn_of_ends(ragged: AnyArray) -> None:
+    """Tell of faces between tiles at which the field jumps, where there are any."""
+    if ragged.any():
+        axes = ", ".join("uvw"[a] for a in np.flatnonzero(ragged))
+        warnings.warn(
+            f"neighbouring tiles do not meet along {axes}: what ends at faces between them is "
+            "ragged there, by up to about 2.5 edges; make opposite faces of the tile fit, or use "
+            "fewer bars, which are meshed as they are if they are straight",
+            PrecisionWarning,
+            stacklevel=5,
+        )
+
+
 def _check_again(part: float, mended: float, count: int) -> None:
     """Tell of vertices that have nearer feet than those they went by, and refuse too many."""
     where = (
@@ -483,7 +513,7 @@ def _point_data(
     """What is known at vertices; those that are `exact` are on their side, not on the spline's."""
     asked = wall._asked.at(u, np.where(side < 0, -1.0, 1.0))
     data: dict[str, AnyArray] = {
-        "signed_distance": np.where(exact, side * asked, wall.distance(u)),
+        "signed_distance": np.where(exact, side * asked, wall.drawn(u)),
         "half_thickness": asked,
         "u": u[:, 0].copy(),
         "v": u[:, 1].copy(),

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._field import Field, as_boxes
-from ilattice._geometry import least_step
+from ilattice._geometry import grid_points, least_step
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points, read_only
 from ilattice.bspline import BSpline
@@ -293,6 +293,13 @@ def thinnest(field: TileField) -> float:
     return 2.0 * skeleton.thinnest * float(np.linalg.svd(jacobian, compute_uv=False).min())
 
 
+#: Bars above which meshes go by the field of tiles.
+MAX_DRAWN = 2000
+#: Places along each direction of a face at which neighbours are compared, and the difference of
+#: their values, as a part of the largest, above which they do not fit.
+ON_FACES, APART = 65, 1e-3
+
+
 @dataclass(frozen=True, eq=False)
 class TileSolid(OffsetSolid):
     """The solid of the tiles as it is.
@@ -330,6 +337,43 @@ class TileSolid(OffsetSolid):
     @cached_property
     def _bars(self) -> BarsInBox | None:
         return self.bars()
+
+    @cached_property
+    def drawn(self) -> Any:
+        """What meshes go by: bars as they are where neighbours do not fit, else the field of tiles.
+
+        That field jumps at such faces. Closed directions get a tile more at both ends.
+        """
+        tile, lattice = self.lattice.tile, self.lattice
+        if not isinstance(tile, Tile) or not self._torn.any():
+            return self.distance
+        more = np.array(lattice.through.closed).astype(int)
+        (lo, hi), count = lattice.domain, np.array(lattice.repeat)
+        over = more * (hi - lo) / count
+        repeat = tuple((count + 2 * more).tolist())
+        solid = solid_of_bars(tile, repeat, np.stack([lo - over, hi + over]), MAX_DRAWN)
+        return self.distance if solid is None else solid
+
+    @property
+    def ragged(self) -> AnyArray:
+        """Along which directions the field that meshes go by jumps at faces of tiles."""
+        jumps: AnyArray = self._torn & (self.drawn is self.distance)
+        return jumps
+
+    @cached_property
+    def _torn(self) -> AnyArray:
+        """Along which directions neighbours share faces that are not solid alike, shape (3,)."""
+        lattice, field = self.lattice, self.distance.tile
+        out = np.array(lattice.through.closed) | (np.array(lattice.repeat) > 1)
+        if isinstance(field, Mixture):
+            return np.zeros(3, np.bool_)
+        s = np.linspace(0.0, 1.0, ON_FACES)
+        plane = grid_points(s, s)
+        for a in np.flatnonzero(out):
+            f, g = (field(np.insert(plane, a, end, axis=1)) for end in (0.0, 1.0))
+            apart = np.abs(f - g) > APART * max(np.abs(f).max(), np.abs(g).max())
+            out[a] = (apart & ((f < 0.0) != (g < 0.0))).any()
+        return out
 
     def level_sets(self) -> Any:
         """See `OffsetSolid.level_sets`: bars as they are, of others the spline."""

@@ -69,6 +69,16 @@ class OffsetSolid(Shown):
         return WallField(self.distance, self.thickness)
 
     @property
+    def drawn(self) -> Any:
+        """What meshes go by in place of the distance."""
+        return self.distance
+
+    @property
+    def ragged(self) -> AnyArray:
+        """Along which directions what meshes go by jumps at faces between tiles, shape (3,)."""
+        return np.zeros(3, np.bool_)
+
+    @property
     def through(self) -> SplineMap:
         """Map from the parameters to space."""
         return self.lattice.through

@@ -52,6 +52,11 @@ class BarsInBox(Node):
     box: FloatArray
     repeat: tuple[int, ...]
 
+    @property
+    def c(self) -> FloatArray:
+        """Of the size of its values, in tiles, under the name that coefficients have."""
+        return np.ones(1)
+
     def _emit(self, b: Builder, p: Point) -> int:
         return self.part._emit(b, p)
 
