@@ -499,8 +499,13 @@ class CellProblem(Problem):
         there = (lost > EXACT * values) & (values > SOFT * values.max(initial=0.0))
         return np.where(there, lost / np.where(there, values, 1.0), 0.0)
 
-    def warn_of_error(self, error: float, what: str, rounding: float = 0.0) -> None:
-        """Warn of a property that is off, and by how much of rounding, or refuse it; relative."""
+    def warn_of_error(
+        self, error: float, what: str, rounding: float = 0.0, softest: float = 0.0
+    ) -> None:
+        """Warn of a property that is off, and by how much of rounding, or refuse it; relative.
+
+        `softest` is by how much that of one direction may be, which entries do not tell.
+        """
         message = (
             f"phases are too different: what is left of rounding is about {100 * rounding:.2g} % "
             f"of the least entry of {what}; let them differ by {CONTRAST:g} or less"
@@ -510,13 +515,19 @@ class CellProblem(Problem):
         if rounding > WARNED and not error > rounding:
             warnings.warn(message, PrecisionWarning, stacklevel=outside())
             return
+        more = ""
+        if softest > max(error, WARNED):
+            much = f"{100 * softest:.2g} %" if softest < 1.0 else "more than its own size"
+            more = f" (a modulus in which its entries cancel, such as E, by up to {much})"
+            if not error > WARNED:
+                error, what, more = softest, f"a modulus in which entries of {what} cancel", ""
         step = self.domain.degree - self.domain.smoothness
         least = max(4, 1 + (self.domain.interface is not None) - -(self.domain.degree + 1) // step)
         shape = " x ".join(map(str, self.domain.cut.grid.shape))
         warn(
             error, what,
-            how="half and three quarters as many cells per direction; take more cells, or a higher "
-            "degree",
+            how=f"half and three quarters as many cells per direction{more}; take more cells, or a "
+            "higher degree",
             unknown=f"the cells are too coarse to tell by how much {what} is off: {shape} cells; "
             f"take {least} or more in every direction",
         )  # fmt: skip

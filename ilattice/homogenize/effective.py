@@ -49,6 +49,10 @@ class Effective(Result):
         free of mean stress; zero for what meets no resistance. None if no `expansion` was given.
     expansion_errors : ndarray, shape (6,), or None
         Estimated errors of its entries, as `errors`.
+    modulus_error : float
+        Largest estimated error of the energy of any strain, as a part of it: Young's, shear and
+        bulk moduli are off by as much at most, which is more than entries of C are where these
+        nearly cancel, as in tension of struts that bend. NaN without an estimate, and of voxels.
     of_solid : str or None
         Symmetry that was found in the solid itself, whatever the cells make of it; None if it was
         not looked for: in voxels, and in material that varies or is given by matrices.
@@ -74,6 +78,7 @@ class Effective(Result):
     expansion: FloatArray | None = None
     expansion_errors: FloatArray | None = None
     of_solid: str | None = None
+    modulus_error: float = float("nan")
     matrix: ClassVar[str] = "C"
     quantity: ClassVar[str] = "E"
     title: ClassVar[str] = "Young's modulus E"
@@ -301,9 +306,9 @@ class Effective(Result):
         axes = np.eye(3)
         out: dict[str, Any] = {
             "density": self.density, "C": self.C.tolist(), "errors": self.errors.tolist(),
-            "error": self.error, "S": self.S.tolist(), "K": self.K, "G_mean": self.G_mean,
-            "zener": self.zener, "universal_anisotropy": self.universal_anisotropy,
-            "symmetry": self.symmetry, "mechanisms": self.mechanisms,
+            "error": self.error, "modulus_error": self.modulus_error, "S": self.S.tolist(),
+            "K": self.K, "G_mean": self.G_mean, "zener": self.zener,
+            "universal_anisotropy": self.universal_anisotropy, "symmetry": self.symmetry, "mechanisms": self.mechanisms,
             "percolates": list(self.percolates), "distances": dict(self.distances),
             "bounds": told(self.bounds), "margins": self.margins, "report": vars(self.report),
         }  # fmt: skip

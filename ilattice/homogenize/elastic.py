@@ -295,29 +295,44 @@ def homogenized(
     start = time.perf_counter()
     problem.warn_of_gaps()
     C, errors, answer, expansion = np.zeros((6, 6)), np.zeros(6), None, np.zeros(0)
+    strains, softest = np.zeros((6, 0)), 0.0
     if len(problem.parts[0]):
         C, expansion, answer = _properties(problem, method, tol, max_iterations, progress)
+        strains = _own_strains(C)
+
+        def told(C: FloatArray, expansion: FloatArray) -> FloatArray:
+            own = np.einsum("ik,ij,jk->k", strains, C, strains)
+            return np.concatenate([C.diagonal(), own, expansion])
 
         def again(other: ElasticCell, tol: float) -> FloatArray:
-            C, expansion, _ = _properties(other, method, tol, max_iterations, None)
-            return np.append(C.diagonal(), expansion)
+            return told(*_properties(other, method, tol, max_iterations, None)[:2])
 
-        values = np.append(C.diagonal(), expansion)
+        values = told(C, expansion)
         errors = problem.errors_of(values, answer, again, tol, estimate=estimate)
+        own = slice(6, 6 + strains.shape[1])
+        softest = float((errors[own] / values[own]).max(initial=0.0))
     density, bounds = _bounds(problem)
     report = problem.report(answer, time.perf_counter() - start)
-    alpha, off = (expansion, errors[6:]) if len(expansion) else (None, None)
+    thermal = errors[6 + strains.shape[1] :]
+    alpha, off = (expansion, thermal) if len(expansion) else (None, None)
     plain = all(m.constant and not m.full for m in problem.material.phases)
     known = symmetry_of(group(problem.domain, problem._jacobian[0])) if plain else None
     eff = Effective(
-        density, problem.percolates, report, C, spread(errors[:6]), bounds, alpha, off, known
+        density, problem.percolates, report, C, spread(errors[:6]), bounds, alpha, off, known,
+        softest,
     )  # fmt: skip
     if answer is not None:
         problem.warn_of_contrast()
     if answer is not None and estimate:
         rounding = float(problem.rounding(C.diagonal(), answer).max())
-        problem.warn_of_error(eff.error, "the effective stiffness", rounding)
+        problem.warn_of_error(eff.error, "the effective stiffness", rounding, softest)
     return eff
+
+
+def _own_strains(C: FloatArray) -> FloatArray:
+    """Strains (6, k), eigenvectors of C in Mandel's notation, that meet resistance."""
+    values, vectors = np.linalg.eigh(C * np.outer(tensors.MANDEL, tensors.MANDEL))
+    return tensors.MANDEL[:, None] * vectors[:, values > max(SOFT * float(values[-1]), 0.0)]
 
 
 def _properties(

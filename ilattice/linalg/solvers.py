@@ -376,7 +376,7 @@ def _as_blocks(given: Any) -> bsr_array:
         raise InputError(f"K must be a square sparse array, got {given!r:.80}")
     K: Any = given
     if K.ndim != 2 or K.shape[0] != K.shape[1] or K.shape[0] == 0:
-        raise InputError(f"K must be square, got shape {K.shape}")
+        raise InputError(f"K must be square and not empty, got shape {K.shape}")
     if K.format != "bsr":
         K = K.tobsr(blocksize=(1, 1))
     if K.blocksize[0] != K.blocksize[1]:

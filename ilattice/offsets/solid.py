@@ -26,7 +26,7 @@ from ilattice._geometry import grid_points, least_step
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points, read_only
 from ilattice.bspline import BSpline
-from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.offsets.density import volumes
 from ilattice.offsets.distance_spline import DEGREE, distance_spline, interpolated
 from ilattice.offsets.solid_points import POINTS, SolidPoints
@@ -53,7 +53,7 @@ USELESS = 0.3
 TOLD, REFUSED = 0.01, 0.1
 #: Gauss points per piece of a cell for bars, and those that tell the error: with 2 volumes of bars
 #: are off by up to two in a thousand, with 4 by less than one in a hundred thousand.
-BAR_POINTS, MORE_POINTS = 4, 6
+BAR_POINTS, MORE_POINTS, FEWER_POINTS = 4, 6, 2
 #: Standard errors below which a difference of volumes is none.
 CERTAIN = 2.0
 
@@ -451,11 +451,16 @@ class TileSolid(OffsetSolid):
     def volume_error(self) -> float:
         """How far `volume` may be off: the area times the error of the spline.
 
-        Of bars, for which no spline stands in, what more points change.
+        Of bars, for which no spline stands in, what more points change, or, where these do not fit
+        the memory, fewer, which is more.
         """
         volume, field = self.volume(), self.distance  # which makes the spline and its error
         if self._bars is not None:
-            return abs(float(volumes(self.lattice, self._bars, MORE_POINTS).sum()) - volume)
+            try:
+                other = volumes(self.lattice, self._bars, MORE_POINTS)
+            except InputError:  # they do not fit the memory
+                other = volumes(self.lattice, self._bars, FEWER_POINTS)
+            return abs(float(other.sum()) - volume)
         return float(2.0 * volume / field.width * field.error)
 
     def _middle(self, most: int) -> tuple[FloatArray, FloatArray]:

@@ -92,6 +92,23 @@ def test_warnings_point_at_the_line_of_the_caller():
         assert warning.filename == __file__
 
 
+def test_moduli_in_which_entries_cancel_are_told_to_be_off_by_more():
+    """Struts that bend: C11 and C12 are nearly equal, and E is a small part of them."""
+    tile = il.tiles.bcc_struts(radius=0.1)
+    cell = il.Lattice(tile, through=il.macroshape.cell(np.eye(3))).offset((np.inf, 0.0))
+    fine = quietly(elastic, cell, 14)
+    with pytest.warns(PrecisionWarning, match="entries cancel, such as E, by up to"):
+        eff = elastic(cell, 8)
+    off = eff.E((1, 0, 0)) / fine.E((1, 0, 0)) - 1.0
+    assert off > 2.0 * (eff.C[0, 0] / fine.C[0, 0] - 1.0)
+    assert off < eff.modulus_error
+    assert eff.modulus_error > 2.0 * eff.error
+    assert eff.as_dict()["modulus_error"] == eff.modulus_error
+    stiff = il.Lattice("gyroid", through=il.macroshape.cell(np.eye(3))).offset(0.1)
+    eff = quietly(elastic, stiff, 9)
+    assert eff.modulus_error < 2.0 * eff.error
+
+
 @pytest.mark.parametrize("waves", [1, 4, 8, 12, 16])
 def test_errors_hold_materials_that_wave_within_cells(waves):
     """Layers across x have a harmonic mean, whatever splines on eight cells see of them."""
