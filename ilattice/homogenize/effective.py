@@ -309,8 +309,9 @@ class Effective(Result):
             "error": self.error, "modulus_error": self.modulus_error, "S": self.S.tolist(),
             "K": self.K, "G_mean": self.G_mean, "zener": self.zener,
             "universal_anisotropy": self.universal_anisotropy, "symmetry": self.symmetry,
-            "mechanisms": self.mechanisms, "percolates": list(self.percolates), "distances": dict(self.distances),
-            "bounds": told(self.bounds), "margins": self.margins, "report": vars(self.report),
+            "mechanisms": self.mechanisms, "percolates": list(self.percolates),
+            "distances": dict(self.distances), "bounds": told(self.bounds), "margins": self.margins,
+            "report": vars(self.report),
         }  # fmt: skip
         if self.expansion is not None and self.expansion_errors is not None:
             out["expansion"] = self.expansion.tolist()
