@@ -115,12 +115,19 @@ class Wall(OffsetSolid):
         InputError
             If `h` is not positive, or `dtype` is neither of the two.
         GeometryError
-            If the wall is empty, or the mesh too coarse for it; the message says which `h` is not.
+            If the wall is empty, the mesh is too coarse for it (the message says which `h` is not)
+            or not closed, which `allow_loss` accepts with a warning.
         ConvergenceError
             If more than a thousandth of the vertices cannot be moved onto the offset: `h` is too
             long for what is between them. Two in a hundred may be next to creases, off either side
             by a quarter of the length of edges at most, and any number where the distance jumps at
             the end of the continuation; a `PrecisionWarning` tells of a thousandth and more.
+
+        Warns
+        -----
+        PrecisionWarning
+            Beside that, where neighbouring tiles of a solid do not meet and are not straight bars:
+            what ends at faces between them is ragged there.
         """
         dtype = as_float_type("dtype", dtype)
         h = None if h is None else as_positive("h", h)

@@ -15,7 +15,8 @@ point data and, where they are more than one in a thousand, counted in a `Precis
 that are next to no jump or crease of the distance are then a `ConvergenceError`. Jumps are in
 corners of the domain beyond which the map folds (`ilattice.offsets.closest`). All others are
 on it to a ten-thousandth of the half-thickness. Non-guarantee: where two offset surfaces meet in a
-crease, triangles do not follow the crease.
+crease, triangles do not follow the crease; ends of bars at faces between tiles are flat, but cut
+at their rims.
 """
 
 from __future__ import annotations
@@ -279,6 +280,7 @@ def wall_pieces(
         )  # fmt: skip
         yield mesh.vertices, mesh.faces
         return
+    _warn_of_ends(wall.ragged)
     off, crease = [np.zeros(0, np.bool_)], [np.zeros(0, np.bool_)]
     extent = Extent()
     for raw in contour_blocks(job.field, job.axes, **job.options):
