@@ -61,6 +61,7 @@ def test_struts_between_nodes_on_faces_edges_and_corners_are_meshed(faces):
 
 
 @pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
+@pytest.mark.filterwarnings("ignore:neighbouring tiles do not meet")  # of other radii
 def test_varying_radii_and_blends_of_repeated_cells_through_a_bent_map():
     rng = np.random.default_rng(8)
     radii = rng.uniform(0.04, 0.08, (9, 2))
