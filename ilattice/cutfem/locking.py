@@ -205,7 +205,7 @@ def _missed(
         slopes, values = _slopes(frame), _monomials((x - middle) @ frame.T)[:, :7]
         work = _work(tractions.around(patch), loads, cells[patch], middle, frame)
         u = _least(_stiffness(slopes, values, w, A), work.ravel()).reshape(-1, 3)
-        gap = values @ np.einsum("aks,ai->sik", slopes, u).reshape(-1, 9) - G
+        gap = values @ np.einsum("akm,ai->mik", slopes, u).reshape(-1, 9) - G
         mean = ((w @ G) / w.sum())[None]
         error, own, even = (float((w * _density(A, g)).sum()) for g in (gap, G, mean))
         out[:, number] = np.maximum([error, own - even], 0.0) / max(own, 1e-300)
@@ -220,7 +220,7 @@ def _stiffness(slopes: FloatArray, values: FloatArray, w: FloatArray, A: FloatAr
         M = (flat @ (values.T @ (w[:, None] * values)) @ flat.T).reshape(a, 3, a, 3)
         K = np.einsum("akbl,ikjl->aibj", M, A[0].reshape(3, 3, 3, 3), optimize=True)
         return np.asarray(K.reshape(3 * a, 3 * a))
-    B = np.einsum("qs,aks,ij->qikaj", values, slopes, np.eye(3), optimize=True).reshape(n, 9, -1)
+    B = np.einsum("qm,akm,ij->qikaj", values, slopes, np.eye(3), optimize=True).reshape(n, 9, -1)
     flux = (w[:, None, None] * A) @ B
     return np.asarray(B.reshape(-1, B.shape[2]).T @ flux.reshape(-1, B.shape[2]))
 
@@ -267,7 +267,7 @@ def _slopes(frame: FloatArray) -> FloatArray:
     out[4 + axes, (axes + 1) % 3, 1 + axes] = 1.0
     out[7 + axes, axes, 1 + axes] = 2.0
     out[10, axes, 4 + (axes + 1) % 3] = 1.0
-    return np.einsum("aks,kj->ajs", out, frame)
+    return np.einsum("akm,kj->ajm", out, frame)
 
 
 def _work(
@@ -286,7 +286,7 @@ def _work(
         if P is not None:
             n = len(P[rows])
             moments = (values[:, :7].T @ P[rows].reshape(n, 9)).reshape(7, 3, 3)
-            out += np.einsum("aks,sik->ai", slopes, moments)
+            out += np.einsum("akm,mik->ai", slopes, moments)
     return np.asarray(out)
 
 
