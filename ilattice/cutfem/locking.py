@@ -15,7 +15,7 @@ Of 44 random bars and plates of 0.05 to 2 cells, bent, guided or pulled, at angl
 the larger one of this and of what `discretization` says is 0.4 to 4.7 times, in the median 1.2
 times, what is missed, up to 160 times an energy, where that is above 5 %. For modes of vibration
 and buckling inertia and stress act instead of loads: the worst of two frequencies and the lowest
-load factor of ten random bars are told to be 0.45 to 1.02 times as far off as they are.
+load factor of ten bars are told to be 0.45 to 1.02 times as far off as they are.
 
 Guarantees: the same number for the same problem; none where what is drawn is thicker than `THIN`
 cells, or stretched without bending. Non-guarantees: an estimate, and no bound: beside supports, and
