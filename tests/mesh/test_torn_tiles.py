@@ -36,6 +36,18 @@ def test_ends_between_tiles_are_flat(h):
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(wall.volume(), rel=0.015)
     assert (np.abs(mesh.vertices[:, 2] - 1.0) < 1e-9).sum() > 10  # of the ends
+    told, side = mesh.point_data["signed_distance"], mesh.point_data["side"]
+    assert np.abs(told[side != 0]).max() < 1e-9
+
+
+def test_distances_on_caps_are_lengths_in_space():
+    tile = il.tiles.skeleton([[(0.3, 0.4, 0), (0.6, 0.5, 1)]], radius=0.1)
+    for size in (1e-4, 1.0, 300.0):
+        box = il.macroshape.box((size, size, 2 * size))
+        wall = il.Lattice(tile, through=box, repeat=(1, 1, 2)).offset(SOLID)
+        mesh = wall.mesh(h=0.03 * size)
+        told, side = mesh.point_data["signed_distance"], mesh.point_data["side"]
+        assert told[side == 0].min() == pytest.approx(-0.1 * size, rel=0.2)
 
 
 @pytest.mark.parametrize("faces", ["open", "closed"])
