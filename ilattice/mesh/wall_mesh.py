@@ -515,7 +515,7 @@ def _point_data(
     """What is known at vertices; those that are `exact` are on their side, not on the spline's."""
     asked = wall._asked.at(u, np.where(side < 0, -1.0, 1.0))
     data: dict[str, AnyArray] = {
-        "signed_distance": np.where(exact, side * asked, wall.drawn_distance(u)),
+        "signed_distance": np.where(exact, side * asked, wall._drawn_distance(u)),
         "half_thickness": asked,
         "u": u[:, 0].copy(),
         "v": u[:, 1].copy(),

@@ -354,8 +354,8 @@ class TileSolid(OffsetSolid):
         solid = solid_of_bars(tile, repeat, np.stack([lo - over, hi + over]), MAX_DRAWN)
         return self.distance if solid is None else solid
 
-    def drawn_distance(self, u: FloatArray) -> FloatArray:
-        """See `OffsetSolid.drawn_distance`; bars have lengths in tiles."""
+    def _drawn_distance(self, u: FloatArray) -> FloatArray:
+        """See `OffsetSolid._drawn_distance`; bars have lengths in tiles."""
         unit = 1.0 if self.drawn is self.distance else self.distance.scale
         return np.asarray(unit * self.drawn(u))
 

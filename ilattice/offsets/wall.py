@@ -73,7 +73,7 @@ class OffsetSolid(Shown):
         """What meshes go by in place of the distance."""
         return self.distance
 
-    def drawn_distance(self, u: FloatArray) -> FloatArray:
+    def _drawn_distance(self, u: FloatArray) -> FloatArray:
         """What meshes go by, as a length in space, shape (n,), at parameters (n, 3)."""
         found: FloatArray = self.distance(u)
         return found
