@@ -49,6 +49,9 @@ from ilattice.quadrature.rules import Quadrature
 CERTAIN = 100_000
 #: Part of the mass that is added to a free body, in units of the stiffness of simple strains.
 SHIFT = 1e-2
+#: Squares of frequencies, as a part of what is added, up to which they are rounding: those of a
+#: rigid motion, which leave some 1e-13.
+AT_REST = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +228,9 @@ def natural_modes(
     omega = np.sqrt(np.maximum(1 / mu - shift, 0.0))
     stiff, squares = mine.shapes(x)[0], omega**2
 
-    def inertia(k: int) -> Acting:
+    def inertia(k: int) -> Acting | None:
+        if not squares[k] > AT_REST * shift:
+            return None
         return lambda rule, u, _: (squares[k] * _density(problem, rule)[:, None] * u, None)
 
     error = _discretization_error(mine, stiff, inertia, "the square of a frequency")
@@ -326,13 +331,17 @@ def _density(problem: Elasticity, rule: Quadrature) -> FloatArray:
 
 
 def _discretization_error(
-    mine: Pencil, shapes: FloatArray, acting: Callable[[int], Acting], what: str
+    mine: Pencil, shapes: FloatArray, acting: Callable[[int], Acting | None], what: str
 ) -> float:
-    """Worst estimate for some shapes of unit energy, with a warning if it is large."""
+    """Worst estimate for some shapes of unit energy, with a warning if it is large.
+
+    `acting` tells what acts on a shape, and None of rigid motions, whose stress is rounding.
+    """
     problem = mine.problem
     nodes = mine.solver.nodes if isinstance(mine.solver, Joined) else mine.solver
     error = max(problem._discretization_error(nodes.multiply, c, 1.0) for c in shapes)
-    locked = max(locking.relative_error(problem, c, acting(k)) for k, c in enumerate(shapes))
+    loads = [(c, acting(k)) for k, c in enumerate(shapes)]
+    locked = max((locking.relative_error(problem, c, f) for c, f in loads if f), default=0.0)
     thin = locked > (WARNED if np.isnan(error) else error)
     error = float(locked if thin else error)
     warn(error, what, problem.assembly.space, thin=thin)

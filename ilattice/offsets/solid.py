@@ -367,7 +367,10 @@ class TileSolid(OffsetSolid):
 
     @cached_property
     def _torn(self) -> AnyArray:
-        """Along which directions neighbours share faces that are not solid alike, shape (3,)."""
+        """Along which directions neighbours share faces that are not solid alike, shape (3,).
+
+        `Tiling.torn` tells it of surfaces, by a spline of the tile, which bars need not.
+        """
         lattice, field = self.lattice, self.distance.tile
         out = np.array(lattice.through.closed) | (np.array(lattice.repeat) > 1)
         if isinstance(field, Mixture):
