@@ -48,6 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _main(arguments)
     except KeyboardInterrupt:
+        if arguments is None:  # the process ends: objects left half made may fail in silence
+            sys.unraisablehook = lambda _: None
         return _fail("interrupted", 130)
 
 

@@ -69,6 +69,27 @@ def test_work_ends_soon_and_leaves_nothing(tmp_path):
         assert left == "0", where
 
 
+def test_objects_that_were_left_half_made_are_not_told():
+    """Libraries free in `__del__` what their `__init__`, interrupted, did not come to."""
+    program = """
+import sys
+from ilattice import cli
+class Half:
+    def __init__(self):
+        raise KeyboardInterrupt
+    def __del__(self):
+        self.handle
+cli._main = lambda _: Half()
+sys.exit(cli.main())
+"""
+    paths = os.pathsep.join([str(Path(il.__file__).parents[1]), *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (130, "ilattice: error: interrupted\n")
+
+
 def test_commands_end_with_130_and_whole_files_only(tmp_path):
     command = [sys.executable, "-m", "ilattice", "sdf", "box", "gyroid", "shell", "0.6",
                "-s", "2/60", "-o", "a.stl"]  # fmt: skip
