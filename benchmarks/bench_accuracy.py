@@ -6,7 +6,7 @@ and otherwise against the limit of degree 1 on its finest three grids, with the 
 show; where they show none, cells are still too long for the body, and there are only compliances
 and times to read. The time for an error is that of a power law through the two grids next to it;
 beyond the grids it is an extrapolation, and marked ``~``. By default there is the space that is
-chosen on the cells which it needs for that error.
+chosen on the cells which it needs for that error, or on the finest of the grids.
 Each measurement is a process of its own that has its kernels loaded:
 ``python -m benchmarks.bench_accuracy BODY DEGREE SMOOTHNESS COARSER``.
 """
@@ -151,7 +151,9 @@ def _row(body: str, found: Found, limit: float, error: float) -> Row:
     mine = [
         (p, s)
         for (p, s), h in cells.items()
-        if s == p - 1 and math.isfinite(h) and alone(MODULE, body, "chosen", h)["degree"] == p
+        if s == p - 1
+        and math.isfinite(h)
+        and alone(MODULE, body, "chosen", max(h, min(found[p, s])))["degree"] == p
     ]
     usual = min((times[space][0] for space in mine), default=math.inf)
     best = min(times, key=lambda space: times[space][0])
