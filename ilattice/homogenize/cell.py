@@ -1,12 +1,8 @@
-"""Problems on one cell of a periodic solid: mean strains or gradients as loads, copies all around.
-
-`CellProblem` makes periodic what problems of `cutfem` share: functions and rules go on over the
-faces of the cell, pieces of the solid are held at one function each instead of supports, and
-islands, which bear nothing, are left out.
+"""Mean strains or gradients as loads of a periodic cell, solved for together, with their errors.
 
 Guarantees: what is computed is the exact energy of admissible displacements, so that on exact
-geometry a stiffness comes from above; what holds a piece changes no strain. Non-guarantee: cells
-are boxes, or images of boxes under affine maps.
+geometry a stiffness comes from above. Loads that follow from others by a symmetry of the cell are
+not solved for, and held to the same tolerance. Non-guarantees: those of `periodic`.
 """
 
 import warnings
@@ -18,30 +14,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import read_only
 from ilattice.cutfem import coupling, discretization
-from ilattice.cutfem.assembly import Assembly, constant_jacobian
-from ilattice.cutfem.connectivity import links
-from ilattice.cutfem.constraints import Constraints
 from ilattice.cutfem.discretization import WARNED
 from ilattice.cutfem.jumps import STEEP
-from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.sampling import full
-from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.errors import ConvergenceError, PrecisionWarning
 from ilattice.homogenize._estimate import EXACT, estimated, outside, warn
 from ilattice.homogenize._result import SOFT, HomogenizationReport
 from ilattice.homogenize._symmetry import USELESS, Way, ways
-from ilattice.homogenize.arguments import EDGES
-from ilattice.homogenize.percolation import Percolation, percolation
+from ilattice.homogenize.periodic import PeriodicProblem
 from ilattice.linalg.solvers import Solver, SolveReport
-from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.rules import Quadrature
 
 #: Faces between cells, per direction, at which material is compared, and how far beside them, in
 #: edges of cells.
 FACES, BESIDE = 4096, 1e-6
-#: A cell that lacks less than this part is full.
-FULL = 1e-9
 #: Loads below this part of the largest one are rounding.
 ROUNDING = 1e-13
 #: Parts of a relaxed energy that coarser cells seem to miss and are rounding, and that rounding
@@ -87,117 +74,11 @@ class Answer:
     symmetry: float = float("nan")
 
 
-class CellProblem(Problem):
-    """What makes a problem one of a periodic cell: to be mixed into `Elasticity` or `Heat`."""
+class CellProblem(PeriodicProblem):
+    """Mean strains or gradients as loads: to be mixed into `Elasticity` or `Heat`."""
 
     #: Mean strains (k, 3, 3) or gradients (k, 3) of unit size.
     loads_of_cells: ClassVar[FloatArray]
-
-    @property
-    def cell_volume(self) -> float:
-        """Volume of the cell with its voids."""
-        box = np.ptp(self.domain.cut.grid.domain, axis=0)
-        return float(abs(np.linalg.det(self._jacobian[0])) * np.prod(box))
-
-    @property
-    def _through(self) -> SplineMap | None:
-        return self.domain.cut.through
-
-    @property
-    def _jacobian(self) -> FloatArray:
-        """The Jacobian (1, 3, 3) of the affine map."""
-        J = np.eye(3)[None] if self._through is None else constant_jacobian(self._through)
-        assert J is not None
-        return J
-
-    # ---------------------------------------------------------------- pieces
-
-    @cached_property
-    def network(self) -> Percolation:
-        """Pieces of the solid: their numbers are those of `Domain.parts`."""
-        domain, parts = self.domain, self.domain.parts
-        low, high = links(domain.joints)
-        axis = np.repeat(np.arange(3), [len(rule.cells) for rule in domain.joints])
-        grid, n = domain.elements, np.array(domain.cut.grid.shape)
-        apart = grid.cell_indices(high) - grid.cell_indices(low)
-        steps = (apart <= 0) & (axis[:, None] == np.arange(3))  # from the last cell to the first
-        if domain.interface is not None:
-            seam = (domain.interface.cells, domain.interface.neighbours)
-            apart = grid.cell_indices(seam[1]) - grid.cell_indices(seam[0])
-            steps = np.concatenate([steps, np.where(apart < -(n // 2), 1, 0) - (apart > n // 2)])
-            low, high = (np.concatenate(pair) for pair in zip((low, high), seam, strict=True))
-        keep = np.isin(low, parts.cells) & np.isin(high, parts.cells)
-        low, high = (np.searchsorted(parts.cells, c[keep]) for c in (low, high))
-        return percolation(len(parts.cells), low, high, steps[keep].astype(np.int64))
-
-    @cached_property
-    def parts(self) -> tuple[IntArray, IntArray]:
-        """Numbers of the parts that go on in some direction, and of islands."""
-        labels, ranks = self.domain.parts.labels, self.network.ranks
-        rank = np.zeros(len(self.domain.parts), np.int64)
-        rank[labels] = ranks[self.network.labels]
-        return read_only(np.flatnonzero(rank > 0)), read_only(np.flatnonzero(rank == 0))
-
-    @property
-    def percolates(self) -> tuple[bool, bool, bool]:
-        """Whether the solid goes on through the cell along each of its edges."""
-        return self.network.axes
-
-    def check_held(self) -> None:
-        """Nothing: every piece is held by `constraints`."""
-
-    @cached_property
-    def assembly(self) -> Assembly:
-        """Functions on the parts that go on.
-
-        Raises
-        ------
-        GeometryError
-            If there are only islands, or some with ``islands="refuse"``.
-        """
-        held, loose = self.parts
-        what = self.domain.parts
-        sizes = np.bincount(what.labels, what.solid.integrate_cells())
-        loose = loose[sizes[loose] > FULL * sizes.sum()]  # the others are rounding
-        if len(loose) and (not len(held) or self.islands == "refuse"):
-            raise GeometryError(f"nothing is borne by islands, {what.describe(loose)}")
-        if len(loose):
-            warnings.warn(
-                f"left out, because islands bear nothing: {what.describe(loose)}",
-                PrecisionWarning,
-                stacklevel=outside(),
-            )
-        self.domain.warn_gaps()
-        return self.domain.assembly(held, weak=False)
-
-    @cached_property
-    def assembly_of_all(self) -> Assembly:
-        """Functions on all parts, for the map alone."""
-        return self.domain.assembly(np.arange(len(self.domain.parts)), weak=False)
-
-    def fractions(self) -> FloatArray:
-        """Parts of the cell that phases fill, islands too.
-
-        Returns
-        -------
-        ndarray, shape (phases,)
-            Of one phase or two.
-        """
-        whole = float(np.prod(np.ptp(self.domain.cut.grid.domain, axis=0)))
-        phases = self.domain.of_phases(self.domain.volume)
-        return np.array([rule.weights.sum() for rule in phases]) / whole
-
-    def free_normals(self) -> FloatArray:
-        """Normals (k, 3) of the faces of the cell through which nothing goes on.
-
-        Returns
-        -------
-        ndarray, shape (k, 3)
-            Unit vectors in space.
-        """
-        n = np.linalg.inv(self._jacobian[0])
-        n = n / np.linalg.norm(n, axis=1, keepdims=True)
-        return np.asarray(n[~np.array(self.percolates)])
 
     def report(self, answer: Answer | None, seconds: float) -> HomogenizationReport:
         """How it was solved.
@@ -222,39 +103,6 @@ class CellProblem(Problem):
             0 if answer is None else answer.solved,
             float("nan") if answer is None else answer.symmetry,
         )  # fmt: skip
-
-    @cached_property
-    def constraints(self) -> Constraints:
-        """One function of every piece, and of rods one that keeps them from turning."""
-        asm = self.assembly
-        fixed = np.zeros((len(asm.space), self.m), bool)
-        for part in self.parts[0]:
-            self._hold(fixed, asm, int(part))
-        return Constraints(fixed, np.zeros(fixed.shape), np.where(fixed, 0, -1))
-
-    def _hold(self, fixed: Any, asm: Assembly, part: int) -> None:
-        """Mark the components that hold a piece."""
-        parts, network = self.domain.parts, self.network
-        rows = np.flatnonzero(parts.labels == part)
-        filled = parts.solid.integrate_cells()[rows]
-        cells = parts.cells[rows]
-        middle = asm.space.dofs.shape[1] // 2
-        held = int(np.argmax(filled))
-        at = np.searchsorted(asm.space.cells, cells)
-        fixed[asm.space.dofs[at[held], middle]] = True
-        ways = network.ways[int(network.labels[rows[0]])]
-        if self.m == 1 or len(ways) != 1:
-            return
-        box = self.domain.elements.boxes(cells)
-        period = np.ptp(self.domain.cut.grid.domain, axis=0)
-        u = box[:, :3] + 0.5 * box[:, 3:] + network.shifts[rows] * period
-        x = (u - u[held]) @ self._jacobian[0].T
-        turn = np.cross(self._jacobian[0] @ (ways[0] * period), x)
-        best = np.abs(turn) * np.sqrt(filled / filled.max())[:, None]
-        element, component = divmod(int(best.argmax()), 3)
-        fixed[asm.space.dofs[at[element], middle], component] = True
-
-    # ---------------------------------------------------------------- loads
 
     def _minus_flux(self, load: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Flux P (n, m, 3) that a mean gradient loads with at the points of a rule in space."""
@@ -562,10 +410,6 @@ class CellProblem(Problem):
         """Size of loads that would be called large: those without what cancels between cells."""
         raise NotImplementedError
 
-    def warn_of_gaps(self) -> None:
-        """Warn of edges of the cell along which nothing is borne, and refuse nothing."""
-        warn_of_axes(self.percolates)
-
     def warn_of_contrast(self) -> None:
         """See `warn_of_contrast`, of a cell that could be solved for."""
         warn_of_contrast(self._contrast)
@@ -609,19 +453,6 @@ def warn_of_contrast(contrast: float) -> None:
             f"{SOFT:g} of the stiffest direction counts as nothing, and rounding, which `error` "
             f"need not hold, may be {100 * ROUNDED * contrast:.2g} % or more of what is soft; take "
             f"{CONTRAST:g} or less, or a void instead of the soft phase",
-            PrecisionWarning,
-            stacklevel=outside(),
-        )
-
-
-def warn_of_axes(percolates: tuple[bool, bool, bool], names: str = EDGES, rest: str = "") -> None:
-    """Warn of edges of the cell along which the solid does not go on; `rest` is what bears then."""
-    missing = [names[a] for a in range(3) if not percolates[a]]
-    if missing:
-        borne = f"only {rest} bear anything" if rest else "nothing is borne"
-        warnings.warn(
-            f"the solid does not go on through the cell along {', '.join(missing)}: {borne} "
-            f"there{'' if rest else ', and the effective stiffness or conductivity is zero'}",
             PrecisionWarning,
             stacklevel=outside(),
         )

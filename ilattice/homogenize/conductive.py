@@ -24,8 +24,9 @@ from ilattice.cutfem.heat import Heat
 from ilattice.homogenize import tensors
 from ilattice.homogenize.arguments import as_cell, check_options, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
-from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
+from ilattice.homogenize.cell import Answer, CellProblem, spread
 from ilattice.homogenize.conductivity import Conductivity
+from ilattice.homogenize.periodic import FULL
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

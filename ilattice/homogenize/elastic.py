@@ -34,9 +34,10 @@ from ilattice.homogenize._result import SOFT
 from ilattice.homogenize._symmetry import group, symmetry_of
 from ilattice.homogenize.arguments import as_cell, check_options, check_phases
 from ilattice.homogenize.bounds import Bounds, elastic_bounds
-from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
+from ilattice.homogenize.cell import Answer, CellProblem, spread
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.local import LocalFields, as_stresses, first_yield
+from ilattice.homogenize.periodic import FULL
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -50,11 +50,12 @@ from ilattice.homogenize.bounds import (
     conductive_bounds,
     elastic_bounds,
 )
-from ilattice.homogenize.cell import warn_of_axes, warn_of_contrast
+from ilattice.homogenize.cell import warn_of_contrast
 from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.percolation import percolation
+from ilattice.homogenize.periodic import warn_of_axes
 from ilattice.homogenize.phases import SOLID, VOID, Labelled, labelled
 
 #: Bytes per voxel and component of a field: solutions and residuals of all loads, and work.

@@ -53,6 +53,25 @@ def test_struts_of_a_few_cells_have_degree_one_and_walls_degree_two(
     assert degree_for(finest, True)[0] == 1
 
 
+def test_networks_in_stretched_cells_have_degree_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    def network(long: float) -> il.cutfem.CutGrid:
+        lattice = il.Lattice("diamond", through=il.macroshape.box((long, 1, 1)), repeat=(3, 3, 3))
+        return il.cutfem.cut(lattice.offset((np.inf, 0.0), space="parametric"), 24)
+
+    long, usual = network(4.0), network(2.0)
+    assert FEW < count(long) < MANY
+    assert degree_for(long, True) == (2, f"100 % of {count(long):,} cells are stretched")
+    assert degree_for(long, False)[0] == degree_for(usual, True)[0] == 1  # heat does not bend it
+    monkeypatch.setattr("ilattice.cutfem.choosing.MANY", count(long) - 1)
+    assert [degree_for(one, True)[0] for one in (long, usual)] == [2, 1]
+    monkeypatch.setattr("ilattice.cutfem.choosing.MANY_STRETCHED", count(long) - 1)
+    assert degree_for(long, True) == (1, f"{count(long):,} cells are many")
+    flat = il.cutfem.Grid((np.linspace(0.0, 1.0, 25),) * 2 + (np.linspace(0.0, 4.0, 25),))
+    tile = il.cutfem.cut(lambda u: np.cos(2 * np.pi * u).sum(axis=1) + 1.0, flat)
+    monkeypatch.setattr("ilattice.cutfem.choosing.FEW", 1000)
+    assert "stretched" in degree_for(tile, True)[1]
+
+
 @pytest.mark.parametrize("law", [il.cutfem.Elasticity, il.cutfem.Heat])
 def test_what_is_given_is_kept(struts: il.cutfem.CutGrid, law: type) -> None:
     assert law(struts).domain.degree == 1
