@@ -15,13 +15,13 @@ and `Elasticity` solves on the solid itself, without a mesh of it::
 
 Which functions: by default splines of degree 2 with a continuous first derivative, the most
 accurate per unknown where a wall or a strut is two cells thick or more, and for stresses; of degree
-1 on more than 50,000 cells of the solid (80,000 of walls between two surfaces, 165,000 of struts in
-stretched cells), and from 8,000 on for struts of two cells or more in others, where that takes as
-much time to the same error of the compliance, or a fraction (``solution.report.splines`` tells
-which, and why). Where walls are thinner, and a `PrecisionWarning` says so, smooth splines cannot
-bend at joints within a cell: then ``smoothness=0`` on the same cells, at four to six times as many
-unknowns, is at least as accurate as degree 1 on twice the cells per direction, which has about as
-many unknowns and is solved in a fraction of the time.
+1 on more than 50,000 cells of the solid (80,000 of walls between two surfaces), and from 8,000 on
+for struts of two cells or more in cells that are not stretched, where that takes as much time to
+the same error of the compliance, or a fraction (``solution.report.splines`` tells which, and why).
+Where walls are thinner, and a `PrecisionWarning` says so, smooth splines cannot bend at joints
+within a cell: then ``smoothness=0`` on the same cells, at four to six times as many unknowns, is at
+least as accurate as degree 1 on twice the cells per direction, which has about as many unknowns and
+is solved in a fraction of the time.
 
 Guarantee: cells are called in or out by certificates, never by sampling.
 """

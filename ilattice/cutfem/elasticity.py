@@ -81,10 +81,9 @@ class Elasticity(ElasticOperators):
         `ilattice.cutfem.anisotropic`.
     degree : {"auto", 1, 2, 3}, keyword-only
         Of the splines. By default 2, or 1 on more than 50,000 cells of the solid (80,000 of walls
-        between two surfaces, 165,000 of struts where a tenth of the cells has edges three times as
-        long as others), and from 8,000 on for struts of two cells or more in cells that are not so
-        stretched, which it solves to the same error in a fraction of the time (thinner ones and
-        those along long edges it does not bend):
+        between two surfaces), and from 8,000 on for struts of two cells or more, which it solves to
+        the same error in a fraction of the time (thinner ones it does not bend, nor those along
+        long edges, so 2 where a tenth of the cells has edges three times as long as others):
         ``solution.report.splines`` tells which and why. 2 where any of the next four is given,
         there are `phases`, or Poisson's ratio is 0.45 or above.
     smoothness : int, optional, keyword-only
